@@ -247,8 +247,7 @@ def _umask() -> int:
 def write_atomic(path: str | Path, data: bytes | memoryview) -> None:
     """Replace `path` by `data`, or leave it as it was.
 
-    A link stays, and what it leads to is replaced. What is no regular file (a pipe, a device) is
-    written to as it stands.
+    A link stays, and what it leads to is replaced.
 
     Raises:
         UnwritableError: the disk is full, or the folder read-only; nothing half-written stays.
@@ -256,9 +255,8 @@ def write_atomic(path: str | Path, data: bytes | memoryview) -> None:
     path = Path(path)
     temporary: str | None = None
     try:
-        if _is_special(path):
-            _write_in_place(path, data)
-            return
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise OSError(errno.EINVAL, "a pipe or device, not a file")
         target = path.resolve() if path.is_symlink() else path
         target.parent.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(
@@ -276,22 +274,6 @@ def write_atomic(path: str | Path, data: bytes | memoryview) -> None:
     finally:
         if temporary is not None:
             Path(temporary).unlink(missing_ok=True)
-
-
-def _is_special(path: Path) -> bool:
-    """Return whether something stands there that is neither a file nor a folder."""
-    try:
-        kind = path.stat().st_mode
-    except FileNotFoundError:
-        return False
-    return not stat.S_ISREG(kind) and not stat.S_ISDIR(kind)
-
-
-def _write_in_place(path: Path, data: bytes | memoryview) -> None:
-    handle = os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # waits for no reader
-    os.set_blocking(handle, True)
-    with os.fdopen(handle, "wb") as file:
-        file.write(data)
 
 
 def _unwritable(path: Path, error: Exception) -> UnwritableError:

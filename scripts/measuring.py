@@ -1,16 +1,14 @@
 """Helpers of measurements: clocks, tables, shares with intervals."""
 
-import os
 import re
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))  # what tests start, we start
 
-CHILDREN = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}  # their environment
 Clock = Callable[[], float]
 
 
@@ -19,17 +17,6 @@ def taken(work: Callable[[], object], clock: Clock = time.process_time) -> float
     begun = clock()
     work()
     return clock() - begun
-
-
-def in_turns(
-    ways: Mapping[str, Callable[[], object]], rounds: int, clock: Clock = time.process_time
-) -> dict[str, list[float]]:
-    """Time every way once a round, so that other load falls on all of them."""
-    found: dict[str, list[float]] = {name: [] for name in ways}
-    for _ in range(rounds):
-        for name, work in ways.items():
-            found[name].append(taken(work, clock))
-    return found
 
 
 def table(head: str, rows: Iterable[Sequence[object]]) -> None:

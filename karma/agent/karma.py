@@ -5,15 +5,17 @@ from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
+from karma.agent.goal_mode.loop import GoalLoop
+from karma.agent.goal_mode.names import nearest_text
 from karma.agent.loop import KarmaAgent
 from karma.agent.memory import AgentMemory
 from karma.agent.options import settings_of
 from karma.agent.planning.planner import Planner
-from karma.agent.planning.prompt import TOOLS
+from karma.agent.planning.prompt import GOALS, TOOLS
 from karma.agent.seeing.eyes import perception_of
 from karma.agent.settings import KarmaSettings
 from karma.agent.tools.loop import ToolLoop
-from karma.types.roles import Recall, Resources, VisionModel, World
+from karma.types.roles import Embedder, Recall, Resources, VisionModel, World
 from karma.types.space import SceneRef
 
 
@@ -33,6 +35,7 @@ class KarmaMethod:
     _: KW_ONLY
     maps: Path | None = None
     learn: bool = False
+    embedder: Embedder | None = None  # of names that a small model answers, in goal mode
     attempts: int = 3  # programs for one instruction; later ones quote the failures
 
     @property
@@ -53,6 +56,7 @@ class KarmaMethod:
             settings,
             maps=resources.maps,
             learn=resources.learn,
+            embedder=resources.embedder,
         )
 
     def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> KarmaAgent:
@@ -64,6 +68,9 @@ class KarmaMethod:
         )  # fmt: skip
         agent = KarmaAgent(world, self.planner, memory, perception, self.attempts)
         if self.planner.profile == TOOLS:
-            agent = replace(agent, tools=ToolLoop(self.planner, memory).executor)
+            agent = replace(agent, mode=ToolLoop(self.planner, memory).executor)
+        elif self.planner.profile == GOALS:
+            loop = GoalLoop(self.planner, memory, nearest_text(self.embedder))
+            agent = replace(agent, mode=loop.executor)
         agent.enter(scene)
         return agent

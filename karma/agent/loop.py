@@ -21,6 +21,7 @@ from karma.agent.session import (
     Remembered,
 )
 from karma.agent.tour import position_of, tour
+from karma.errors import KarmaError
 from karma.types.events import AgentEvent, Check, Found, Outcome, SkillResult
 from karma.types.observation import SeenObject
 from karma.types.planning import Advice, End, SkillCall
@@ -38,7 +39,9 @@ class KarmaAgent:
     memory: AgentMemory
     perception: Perception
     attempts: int
-    tools: "ToolMode | None" = None  # carries out instructions in place of the planner's programs
+    mode: "ModeExecutor | None" = (
+        None  # carries out instructions in place of the planner's programs
+    )
 
     def enter(self, scene: SceneRef) -> None:
         """Be in a room; its first visit explores it."""
@@ -49,8 +52,8 @@ class KarmaAgent:
         return self.execute(subtask, self.executor(subtask))
 
     def executor(self, subtask: SubTask) -> "SessionExecutor":
-        """Return what carries out an instruction: the planner's programs, or tool calls."""
-        return self.tools(subtask) if self.tools is not None else planned(subtask)
+        """Return what carries out an instruction: its mode, or the planner's programs."""
+        return self.mode(subtask) if self.mode is not None else planned(subtask)
 
     def execute(
         self,
@@ -89,7 +92,7 @@ class KarmaAgent:
 
 
 SessionExecutor = Callable[["AgentSession"], Generator[AgentEvent, None, bool | End]]
-ToolMode = Callable[[SubTask], SessionExecutor]
+ModeExecutor = Callable[[SubTask], SessionExecutor]
 
 
 def planned(subtask: SubTask) -> Executor:
@@ -120,6 +123,11 @@ class AgentSession:
     ) -> Generator[AgentEvent, None, Attempts]:
         """Plan and act until a program succeeds or the attempts are used up."""
         planner, text = self._agent.planner, subtask.instruction
+        if self._agent.mode is not None:
+            raise KarmaError(
+                f"{planner.model.name} does not write programs in the mode {planner.profile!r}\n"
+                '  To fix: --mode full, or profile = "full" under [models]'
+            )
         attempts = Attempts(instruction=text, objects=planner.objects(text))
         tells_all = planner.profile != "compact"
         request = self._memory.request(subtask, advice, tells_all=tells_all)
@@ -154,6 +162,12 @@ class AgentSession:
     def look(self) -> None:
         """Take note of what is in view now."""
         self.skills.look()
+
+    def restore(self, kept: Collection[str]) -> Iterator[SkillResult]:
+        """Close and switch off what this instruction opened or switched on, but for some ids."""
+        for object_id, undo in self.skills.experience.left.items():
+            if object_id not in kept:
+                yield self.call(SkillCall.of(undo, object_id))
 
     def call(
         self, call: SkillCall, aside: Collection[str] = (), *, reported: bool = False

@@ -108,6 +108,10 @@ class AgentMemory:
         seen = {**self.room.seen, **experience.seen}
         return {name: sight for name, sight in seen.items() if name not in experience.gone}
 
+    def may_tell(self, sight: SeenObject) -> bool:
+        """Return whether a prompt may tell of a sight: without short-term memory a new one only."""
+        return self.settings.short_term or self.room.seen.get(sight.object_id) is not sight
+
     def last_seen(self) -> Mapping[str, tuple[SeenObject, float]]:
         """Return the latest sight of each object of this room, and when it was in view last."""
         room = self.room

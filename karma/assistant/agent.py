@@ -22,7 +22,7 @@ from weakref import proxy
 from karma import registry
 from karma.agent.karma import KarmaMethod
 from karma.agent.memory import AgentMemory, Snapshot
-from karma.agent.planning.prompt import GOALS
+from karma.agent.planning.prompt import TOOLS
 from karma.agent.session import Executor
 from karma.assistant.protocol import Assistant, Moment, wanted_assistant
 from karma.assistant.replies import AgentReply, RequestReply, Understanding, as_it_ends, turns_of
@@ -402,11 +402,14 @@ def _row(preset: str, options: dict[str, Any], answer_seconds: float | None) -> 
 
 
 def asking(models: Models) -> Models:
-    """Return models of which a big planner is told how to refuse; others do if they learnt to."""
-    if models.refusing is not None:
-        return models
+    """Return models as a person is served best: a hosted planner calls tools.
+
+    One that writes programs by the full prompt is told how to refuse; others do if they learnt to.
+    """
     hosted = models.hosted.planner is not None
-    profile = models.profile or (
-        "full" if hosted else resolve_planner(models.planner).prompt_profile
-    )
-    return models.computed_by({"refusing": True}) if profile in ("full", GOALS) else models
+    if hosted and not models.profile:
+        models = models.computed_by({"profile": TOOLS})
+    profile = models.profile or resolve_planner(models.planner).prompt_profile
+    if models.refusing is None and profile == "full":
+        return models.computed_by({"refusing": True})
+    return models

@@ -65,7 +65,7 @@ CORE = (
     CommandSpec("world list", "List the scenes that ship.", "karma.cli.worlds:world_list"),
     CommandSpec("world show", "Draw a scene from above.", "karma.cli.worlds:world_show"),
     CommandSpec("tasks", "Task files: find tasks that measure nothing.", panel=MATERIAL),
-    CommandSpec("tasks check", "Find tasks that are done already or impossible.",
+    CommandSpec("tasks check", "Find tasks that are done already or name nothing.",
                 "karma.cli.worlds:tasks_check"),
     CommandSpec("models", "Models: list, show, verify, bring, add your own, remove.",
                 panel=MATERIAL),

@@ -87,7 +87,9 @@ def models_add(
     role: str | None = option(None, _ROLES),
     licence: str | None = option(None, "SPDX name."),
     source: str | None = option(None, "Where it came from."),
-    profile: str | None = option(None, 'Planners: "full", "goals" or "compact".'),
+    profile: str | None = option(
+        None, 'Planners: "tools", "goals", "full" or "compact"; default by size.'
+    ),
     untried: bool = option(False, "Do not open it, e.g. for a larger machine.", "--untried"),
 ) -> None:
     """Take files in: hash, compare with the manifest, look at headers, list, open, ask a little.

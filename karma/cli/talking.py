@@ -47,7 +47,12 @@ class RequestOptions:
         "", "Name in the manifest, or a GGUF; default karma-mini, else karma-nano."
     )
     assistant: str = option("", '"rules" or "direct"; default as the planner wants.')
-    profile: str = option("", '"compact", "full", or "goals".')
+    profile: str = option(
+        "",
+        '"tools", "goals", or "full" and "compact" for programs; default as suits the planner.',
+        "--mode",
+        "--profile",
+    )
     preset: str = option("", '"paper": recall, K and query as in the paper.')
     perception: str = option(
         "metadata", '"pictures": sees by boxes, depth and the vision model alone.'
@@ -68,21 +73,11 @@ class RequestOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunArguments:
-    """The instruction, and where its figures go."""
-
-    instruction: str | None = argument(
-        None, "What to do, in plain words; without it, a conversation."
-    )
-    more: list[str] | None = argument(
-        None, "None: a request stands in quotes.", hidden=True, metavar=""
-    )
-    json: Json = None
-
-
-@dataclass(frozen=True, kw_only=True)
 class ChatCommand(Computed, Kept, RequestOptions):
-    """Talk with an agent in a room: it remembers what was said and done before."""
+    """Talk with an agent in a room: it remembers what was said and done before.
+
+    Exit code of piped requests: the first that occurs of 130, 1, 4, 5, 3, else 0.
+    """
 
     def do(self) -> None:
         """Converse in a home that lasts, unless it is to be fresh, or no plug-in keeps homes."""
@@ -153,21 +148,23 @@ class ChatCommand(Computed, Kept, RequestOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunCommand(ChatCommand, RunArguments):
+class RunCommand(ChatCommand):
     """Carry out an instruction in a room, while you watch; of several requests one by one.
 
     It says what it understood before it acts, and afterwards what is so by its own eyes.
 
     Exit code 0: all was done or answered; 1: an error; 2: misuse; 3: the rest was done, and
-    something refused; 4: something was not done, or in part; 130: stopped. Of requests that are
-    piped into a conversation the first that occurs of 130, 1, 4, 3.
+    something refused; 4: something was not done, or in part; 130: stopped.
     """
 
+    instruction: str = argument(..., "What to do, in plain words.")
+    more: list[str] | None = argument(
+        None, "None: a request stands in quotes.", hidden=True, metavar=""
+    )
+    json: Json = None
+
     def do(self) -> None:
-        """Carry out the instruction; without one, converse."""
-        if self.instruction is None:
-            super().do()
-            return
+        """Carry out the instruction."""
         if self.more:
             whole = " ".join((self.instruction, *self.more))
             raise typer.BadParameter(f'one request stands in quotes: karma run "{whole}"')

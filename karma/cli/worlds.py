@@ -1,7 +1,6 @@
 """`karma world` and `karma tasks`: scenes, and tasks that measure nothing."""
 
 from collections import Counter
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,7 +8,6 @@ from rich.markup import escape
 from rich.table import Table
 
 from karma.cli.parameters import argument, option
-from karma.cli.progress import bar
 from karma.cli.shared import Json, console, tell, write_json
 from karma.errors import KarmaError
 from karma.files import below
@@ -57,56 +55,43 @@ def world_show(
 
 def tasks_check(
     file: Path = argument(..., "A task file, e.g. eval/alfred_l/tasks.jsonl."),
-    quick: bool = option(False, "Only what the rooms tell; the expert does not try.", "--quick"),
     world: str = option("embedded", "Name of the world."),
     json: Json = None,
 ) -> None:
-    """Look for tasks that are done already, that name nothing, or that nobody can do; exit 1.
+    """Look for tasks that are done already or that name nothing; exit 1.
 
     A goal that is true beside others, or after other work, is only mentioned: it may be meant so.
     """
-    from tempfile import TemporaryDirectory
-
     from karma import registry
-    from karma.bench.engine.task_check import findings, quick_findings
+    from karma.bench.engine.task_check import findings
     from karma.goals.files import load_tasks, task_lines
 
-    tasks, make = load_tasks(file), registry.load("worlds", world)
-    lines = task_lines(file)
-    found: list[TaskFinding] = []
-    with TemporaryDirectory() as folder, bar(passing=True) as progress:
-        for task in progress.track(tasks, description="tasks"):
-            found += quick_findings([task], make) if quick else findings(task, make, Path(folder))
+    tasks, lines = load_tasks(file), task_lines(file)
+    found: list[TaskFinding] = list(findings(tasks, registry.load("worlds", world)))
     for one in found:
         tell(f"{file}:{lines[one.task]}: {'' if one.serious else 'note: '}{one}")
     write_json(json, found)
-    _end_tasks(file, len(tasks), found, quick)
-
-
-def _end_tasks(file: Path, number: int, found: Sequence["TaskFinding"], quick: bool) -> None:
     bad = [one for one in found if one.serious]
     if not bad:
-        how = "the expert did not try" if quick else "the expert solves all"
-        tell(f"{file}: {number} tasks, nothing wrong ({how})")
+        tell(f"{file}: {len(tasks)} tasks, nothing wrong")
         return
     counts = Counter(one.what for one in bad)
     said = ", ".join(f"{times} × {what}" for what, times in counts.items())
-    tasks = len({one.task for one in bad})
     raise KarmaError(
-        f"{file}: {tasks} of {number} tasks measure less than they seem to: {said}\n"
-        "  To fix: the lines above; docs/tasks.md says what goals mean"
+        f"{file}: {len({one.task for one in bad})} of {len(tasks)} tasks measure less than they "
+        f"seem to: {said}\n  To fix: the lines above; docs/tasks.md says what goals mean"
     )
 
 
 def warn_of_tasks(run: "Run") -> None:
     """Say before a run's first episode which of its tasks measure less than they seem to."""
     from karma import registry
-    from karma.bench.engine.task_check import quick_findings
+    from karma.bench.engine.task_check import findings
 
     if run.records or not run.left:
         return
     try:
-        found = list(quick_findings(run.tasks, registry.load("worlds", run.experiment.world)))
+        found = list(findings(run.tasks, registry.load("worlds", run.experiment.world)))
     except KarmaError:  # the episodes will say it of each task
         return
     ids: dict[str, list[str]] = {}

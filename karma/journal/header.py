@@ -16,10 +16,10 @@ FORMAT = 7  # of the folder; another one is refused
 Kind = Literal["run", "benchmark", "figure", "talk"]
 Options = Mapping[str, Any]
 _WAITING = ("timeout_s", "retries")  # of an endpoint: a request that is given up leaves no record
-_SELECTING = ("only", "limit", "run")  # of our tasks: what they select stands in `files`
+_SELECTING = ("only", "limit")  # of our tasks: what they select stands in `files`
 
 _PATHS = (  # keys whose values are paths
-    "tasks", "types", "trials", "published", "run.states",
+    "tasks", "types", "trials", "published",
 )  # fmt: skip
 _NAMES = (  # and names or paths, after "KIND:" if any, "+" between several
     "models.planner", "models.profile", "models.embedder", "models.vision",

@@ -11,7 +11,7 @@ import msgspec
 from msgspec.structs import force_setattr
 
 from karma import registry
-from karma.agent.planning.prompt import GOALS, render
+from karma.agent.planning.prompt import GOALS, TOOLS, render
 from karma.agent.seeing.eyes import METADATA
 from karma.errors import KarmaError, ModelError, RequestRefused, did_you_mean
 from karma.loading.names import MODELS, check_models, whole_name
@@ -73,6 +73,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     vision: str = ""  # in place of the one in [models]
     recall: str = ""  # likewise
     answer_seconds: float | None = None  # of an answer, by the clock; None: tokens alone bound it
+    mode: Literal["", "program", "goals", "tools"] = ""  # of answers; "": as [models] says
     options: dict[str, Any] = {}
 
     def __post_init__(self) -> None:
@@ -95,7 +96,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     """Which models fill the roles."""
 
     planner: str = "karma-nano"  # of models/manifest.toml, a GGUF's path, "openai", "default"
-    profile: str = ""  # "compact", "full" or "goals"; "": as in the manifest
+    profile: str = ""  # "compact", "full", "goals" or "tools"; "": as in the manifest
     chat: bool | None = None  # through the GGUF's own chat template; None: if it has one
     refusing: bool | None = None  # requests may be refused; None: by who has learnt it (manifest)
     thinking: Thinking = "off"  # whether a model that can think first may
@@ -215,8 +216,20 @@ def for_row(
         if row.vision not in loaded:
             loaded[row.vision] = filled("vision_models", row.vision, None, Session(), models)
         vision = loaded[row.vision]
-    decoding = replace(resources.decoding, answer_seconds=row.answer_seconds)
-    return replace(resources, recall=recall, vision=vision, decoding=decoding)
+    return replace(
+        resources,
+        recall=recall,
+        vision=vision,
+        profile=_profile(row.mode, resources.profile),
+        decoding=replace(resources.decoding, answer_seconds=row.answer_seconds),
+    )
+
+
+def _profile(mode: str, of_run: str) -> str:
+    """Return a row's prompt profile; programs are asked for by the run's own, or the full one."""
+    if mode == "program":
+        return "full" if of_run in (GOALS, TOOLS) else of_run
+    return mode or of_run
 
 
 def _recall(name: str, embedder: Embedder | None, maps: Path | None) -> Recall:
@@ -252,7 +265,8 @@ def check_asked(model: LanguageModel, profile: str) -> None:
 
     if not isinstance(model, LlamaModel):
         return  # a server says so itself
-    smallest = render(profile, PlanRequest(instruction="Open the fridge."))
+    asked = "full" if profile in (GOALS, TOOLS) else profile
+    smallest = render(asked, PlanRequest(instruction="Open the fridge."))
     try:
         model.check(smallest.prompt)
     except RequestRefused as error:

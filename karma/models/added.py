@@ -25,6 +25,7 @@ from karma.models.manifest import (
     local_path,
     read_local,
     read_shipped,
+    suited_profile,
 )
 
 Trial = Callable[[ModelEntry, Path], None]  # of an entry whose files lie in a folder
@@ -223,6 +224,7 @@ def _gguf(path: Path) -> dict[str, Any]:
         "format": "gguf",
         "role": "planner",
         "context_length": context,
+        "prompt_profile": suited_profile(metadata, path.stat().st_size),
         "licence": metadata.get("general.license"),
         "memory_mb": gguf_parts_mb(path, metadata, context=context, batch=_BATCH),
     }
@@ -231,13 +233,13 @@ def _gguf(path: Path) -> dict[str, Any]:
 def _described(
     name: str, options: AddOptions, files: tuple[ModelFile, ...], seen: Mapping[str, Any]
 ) -> ModelEntry:
-    fields = {"licence": "not known", "source": "added by hand", "prompt_profile": "full"}
+    fields = {"licence": "not known", "source": "added by hand"}
     named = (*seen.items(), *asdict(options).items())
     fields |= {key: value for key, value in named if value not in (None, "")}
     if "role" not in fields:
         raise ModelError(f"{name!r}: its config.json does not tell what it is for; give --role")
     if fields["role"] != "planner":
-        del fields["prompt_profile"]
+        fields.pop("prompt_profile", None)
     restore = f"bring {name}'s files back, or `karma models remove {name}`"
     memory_mb = round(seen["memory_mb"])
     try:

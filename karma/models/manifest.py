@@ -6,17 +6,18 @@ which holds what `karma models add` brought (`added`) and which git ignores.
 
 import os
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 
-from karma.errors import FileError, ModelError, UnknownNameError, did_you_mean
+from karma.errors import FileError, KarmaError, ModelError, UnknownNameError, did_you_mean
 from karma.files import read_bytes, read_toml, repair, sha256_of, shipped
-from karma.models.checks.gguf import is_gguf, split_pair
+from karma.models.checks.gguf import check_gguf, is_gguf, split_pair
 
 Role = Literal["planner", "vlm", "text-embedder", "image-embedder", "parser"]
 State = Literal["ok", "absent", "wrong"]
@@ -42,6 +43,21 @@ class ModelFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
             raise ValueError(f"{self.path}: sha256 is not 64 hexadecimal digits, lower case")
 
 
+Profile = Literal["compact", "full", "goals", "tools"]
+CAPABLE_BYTES = 3_000_000_000  # of a GGUF; from here on a model is left to call tools itself
+
+
+def suited_profile(metadata: Mapping[str, Any], size_bytes: int) -> Profile:
+    """Return the mode that suits a GGUF which nobody has described, by its header and size.
+
+    A model with a chat template says goals if it is small, and calls tools if it is not; one
+    without continues the text of the full prompt.
+    """
+    if "tokenizer.chat_template" not in metadata:
+        return "full"
+    return "tools" if size_bytes >= CAPABLE_BYTES else "goals"
+
+
 class ModelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One model of the manifest."""
 
@@ -57,7 +73,7 @@ class ModelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     package: str | None = None  # the files lie in this installed package, not beside the manifest
     pieces: tuple[str, ...] = ()  # packages, NAME==VERSION, that hold its file cut into pieces
     base: str = ""  # the model that its adapter changes: its first file is made of both
-    prompt_profile: Literal["compact", "full", "goals"] | None = None  # planners only
+    prompt_profile: Profile | None = None  # planners only
     chat: bool | None = None  # planners only: by the GGUF's chat template; None: if it has one
     refuses: bool = False  # planners only: it has learnt to refuse requests
     words: str = ""  # planners only: path of the words file, of `files`, whose hints it reads
@@ -102,7 +118,7 @@ class PlannerFile:
     name: str
     path: Path
     sha256: str | None = None  # None for a file that no manifest vouches for
-    prompt_profile: Literal["compact", "full", "goals"] = "full"
+    prompt_profile: Profile = "full"
     chat: bool | None = None  # through its own chat template; None: if it has one
     fix: str = ""  # the step that brings the file back, where a manifest says
     refuses: bool = False  # it has learnt to refuse requests
@@ -287,7 +303,7 @@ def resolve_planner(text: str) -> PlannerFile:
         ModelError: the name is not a planner's.
     """
     if is_gguf_path(text):
-        return PlannerFile(name=Path(text).stem, path=Path(text))
+        return PlannerFile(name=Path(text).stem, path=Path(text), prompt_profile=_suited(text))
     entry = find_model(text)
     if entry.role != "planner" or entry.prompt_profile is None:
         raise ModelError(f"model {text!r} is not a planner but a model for role {entry.role!r}")
@@ -295,6 +311,14 @@ def resolve_planner(text: str) -> PlannerFile:
         name=entry.name, path=file_paths(entry)[0], sha256=entry.files[0].sha256,
         prompt_profile=entry.prompt_profile, chat=entry.chat, fix=entry.fix, refuses=entry.refuses,
     )  # fmt: skip
+
+
+def _suited(path: str) -> Profile:
+    """Return the mode that suits a file; "full" where it cannot be read, which opening it says."""
+    try:
+        return suited_profile(check_gguf(Path(path)), Path(path).stat().st_size)
+    except (KarmaError, OSError):
+        return "full"
 
 
 def resolve_folder(text: str | Path, role: Role) -> ModelFolder:

@@ -123,11 +123,6 @@ def test_record_counts_hits_among_what_can_be_carried_cold_start_included(run):
     assert (second.queries, second.hits) == (1, 1)
 
 
-def test_record_without_short_term_memory_hits_nothing(run):
-    record = run([AWAY, BACK], short_term=False)
-    assert [sub.hits for sub in record.subtasks] == [0, 0]
-
-
 def test_record_names_the_goals_that_do_not_hold(run):
     record = run([AWAY.replace("CloseObject(robot, 'Fridge')\n", ""), BACK])
     assert not record.success
@@ -135,14 +130,6 @@ def test_record_names_the_goals_that_do_not_hold(run):
     assert first.unmet == ("CLOSED(Fridge): 1",)
     assert first.finished  # the program ran to its end; it was the wrong program
     assert second.success
-
-
-def test_what_ran_in_an_earlier_instruction_does_not_count_again(run):
-    tap = "GoToObject(robot, 'Sink')\nToggleOn(robot, 'Faucet')\nToggleOff(robot, 'Faucet')\n"
-    twice = task(("Run the tap.", "TOGGLEON(Faucet)"), ("And again.", "TOGGLEON(Faucet)"))
-    first, second = run([tap, "GoToObject(robot, 'Fridge')\n"], twice).subtasks
-    assert first.success
-    assert second.unmet == ("TOGGLEON(Faucet): 1",)
 
 
 def test_record_keeps_refused_answers_and_failed_calls(run):
@@ -165,12 +152,6 @@ def test_error_of_the_agent_s_own_ends_the_episode_and_is_recorded_with_what_was
 def test_scene_that_is_not_there_is_no_agent_s_fault_and_ends_the_run(run):
     with pytest.raises(FileError, match="no scene named 'attic'"):
         run([AWAY], task(("Go.", "OPEN(Fridge)"), scene="attic"))
-
-
-def test_task_without_goals_cannot_succeed(run):
-    record = run([AWAY], task(("Put the apple away.",)))
-    assert record.subtasks[0].success
-    assert not record.success
 
 
 class Mute:
@@ -280,6 +261,5 @@ def test_record_tells_goals_that_held_when_the_task_began(run):
 
 def test_record_of_a_task_without_goals_says_why_nobody_is_judged_by_it(run):
     record = run([AWAY], task=task(("Put it away.",)))
-    assert record.unjudged == "a note"
-    assert not record.success
+    assert (record.unjudged, record.success) == ("a note", False)
     assert run([AWAY, BACK]).unjudged == ""

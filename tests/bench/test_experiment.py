@@ -1,24 +1,18 @@
 """Experiments, their records on disk, and what the records add up to."""
 
-import io
-import re
 from dataclasses import replace
 
 import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rich.console import Console
 from support.made_records import answer, call, sub
 from support.paths import ROOT
-from support.run_files import karma
 
 from karma.bench.engine.run import Run
 from karma.bench.figures.columns import figures
-from karma.cli import show
 from karma.errors import FileError, KarmaError
-from karma.files import append_line, decode_json, to_json
-from karma.journal.folder import read_lines
+from karma.files import decode_json, to_json
 from karma.journal.records import (
     AnswerTiming,
     EpisodeRecord,
@@ -78,15 +72,6 @@ SILENT = episode(
 # ----------------------------------------------------------------- records on disk
 
 
-def test_records_read_back_as_they_were_written(tmp_path):
-    path = tmp_path / "run" / "episodes.jsonl"
-    assert read_records(path) == []
-    for record in (episode(), FAILED, BROKEN, SILENT):
-        append_line(path, to_json(record))
-    assert read_records(path) == [episode(), FAILED, BROKEN, SILENT]
-    assert path.read_bytes().count(b"\n") == 4
-
-
 @given(text=st.text(), other=st.text(), seconds=st.floats(0, 1e6))
 def test_record_of_any_text_survives_a_round_trip_in_one_line(text, other, seconds):
     said = part(instruction=text, answers=(answer(program=other),))
@@ -95,24 +80,6 @@ def test_record_of_any_text_survives_a_round_trip_in_one_line(text, other, secon
         line = to_json(one)
         assert line.count(b"\n") == 1
         assert decode_json(line, kind, path="x") == one
-
-
-def test_torn_last_line_is_passed_over_and_left_to_the_run(tmp_path):
-    path = tmp_path / "episodes.jsonl"
-    append_line(path, to_json(episode()))
-    whole = path.read_bytes()
-    for cut in (1, len(whole) // 2, len(whole) - 1):
-        path.write_bytes(whole + whole[:cut])
-        assert read_records(path) == [episode()]
-        assert path.read_bytes() == whole + whole[:cut]
-
-
-def test_only_line_torn_is_no_record(tmp_path):
-    path = tmp_path / "episodes.jsonl"
-    path.write_bytes(to_json(episode())[:40])
-    assert read_records(path) == []
-    path.write_bytes(to_json(timing(episode()))[:40])
-    assert read_lines(path, EpisodeTiming) == []
 
 
 def test_record_holds_nothing_that_two_equal_runs_do_not_share():
@@ -171,31 +138,6 @@ def test_figures_equal_those_computed_by_hand():
     assert (expert["success"], expert["actions"], expert["explorations"]) == (1.0, 8.0, 2.0)
     assert (expert["planner_calls"], expert["hits"]) == (None, None)
     assert figures([]) == ()
-
-
-def test_success_needs_every_goal_no_error_and_a_goal_at_all():
-    assert episode().success
-    assert not FAILED.success
-    assert not BROKEN.success
-    assert not episode(subtasks=()).success
-    assert not episode(subtasks=(part(goals=()),)).success
-    assert episode(subtasks=(part(), part(goals=()))).success
-
-
-def printed(renderable):
-    console = Console(file=io.StringIO(), width=160)
-    console.print(renderable)
-    return console.file.getvalue()
-
-
-def test_tables_print_a_dash_for_what_was_not_measured():
-    text = printed(show.summary_table(figures([SILENT], timings(SILENT)), "a title"))
-    (line,) = [line for line in text.splitlines() if " simple" in line]
-    assert re.sub(r"[│\s]+", " ", line).strip() == "expert simple 1/1 1.00 2.0 8 – 1.50 –"
-    tasks = printed(show.task_table([SILENT, episode(subtasks=()), episode(), FAILED]))
-    assert "✗ 0/1" in tasks
-    assert "–" in tasks
-    assert "unresolved X: y" in tasks
 
 
 # ----------------------------------------------------------------- runs
@@ -269,13 +211,6 @@ def test_missing_file_or_model_is_named(experiment, tmp_path, old, new, named):
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(FileError, match=named):
         Run(path, tmp_path / "run")
-
-
-def test_missing_experiment_is_refused_with_where_they_lie(tmp_path, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "200")
-    result = karma("eval", tmp_path / "none.toml", code=1)
-    assert "none.toml: No such file or directory" in result
-    assert "To fix: karma eval demo" in result
 
 
 @pytest.mark.parametrize(

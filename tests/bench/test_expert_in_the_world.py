@@ -1,13 +1,9 @@
 """The expert in the world: one object for all goals of a name, and another way after a refusal."""
 
-from math import dist
-
-import msgspec
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from karma.agent.seeing.perceive import truth_of
-from karma.bench.engine.task_check import OUT_OF_REACH, TAKES_NONE, TOO_BIG, Possible
 from karma.bench.methods.expert import ExpertEpisode
 from karma.bench.methods.expert_choices import Chooser, Lessons, Surroundings, left
 from karma.goals.goals import GoalTracker, parse_goal
@@ -15,7 +11,6 @@ from karma.household.places import NEAR_M
 from karma.types.events import Outcome
 from karma.types.space import SceneRef
 from karma.types.tasks import SubTask
-from karma.world.core.scene import load
 from karma.world.sim import EmbeddedWorld
 
 
@@ -158,24 +153,3 @@ def test_chooser_leaves_no_more_to_do_than_the_judge_misses(texts):
 
 
 EVENT = EmbeddedWorld("kitchen_1").last_event
-
-
-# ----------------------------------------------------------------- what can be done at all
-
-
-def test_possible_says_what_nobody_could_do():
-    room = Possible(load("bedroom_1"))
-    assert room.refusal([parse_goal("ON(Laptop, Desk)"), parse_goal("HOLDON(robot, Pen)")]) == ""
-    assert room.refusal([parse_goal("ON(Box, Pen)")]) == TAKES_NONE
-    scene = load("kitchen_1")
-    fridge = next(one for one in scene.objects if one.type == "Fridge")
-    corner = max(scene.reachable, key=lambda cell: dist(cell, fridge.position[::2]))
-    far = Possible(msgspec.structs.replace(scene, reachable=(corner,)))
-    assert far.refusal([parse_goal("OPEN(Fridge)")]) == OUT_OF_REACH
-    huge = [
-        msgspec.structs.replace(one, size=(2.0, 2.0, 2.0)) if one.type == "Plate" else one
-        for one in scene.objects
-    ]
-    wide = Possible(msgspec.structs.replace(scene, objects=tuple(huge)))
-    assert wide.refusal([parse_goal("INSIDE(Plate, Microwave)")]) == TOO_BIG
-    assert Possible(scene).refusal([parse_goal("INSIDE(Plate, Microwave)")]) == ""

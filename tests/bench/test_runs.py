@@ -21,17 +21,14 @@ from support.run_files import (
     TASKS,
     copy,
     files,
-    karma,
     lines_in,
     started,
     write_experiment,
 )
-from typer.testing import CliRunner
 
 from karma.agent.seeing.picture_states import PICTURES, picture_name
 from karma.bench.engine.run import Run
 from karma.bench.figures.columns import added_up
-from karma.cli import app
 from karma.errors import FileError, KarmaError
 from karma.files import TEMPORARY
 from karma.goals.goals import GoalTracker, WatchedWorld, parse_goal
@@ -156,10 +153,8 @@ def test_step_logs_of_equal_runs_are_equal_files_without_a_time_of_day(whole):
 
 
 def test_step_logs_can_be_left_out_but_not_midway(planner, tmp_path):
-    path = write_experiment(
-        tmp_path / "x.toml", planner, only=ONLY[:1], more="[run]\nsteps = false"
-    )
-    run = Run(path, tmp_path / "run")
+    path = write_experiment(tmp_path / "x.toml", planner, only=ONLY[:1], more="")
+    run = Run(path, tmp_path / "run", steps=False)
     assert len(list(run.episodes())) == 2
     assert not (tmp_path / "run" / "steps").exists()
     assert len(run.records) == 2
@@ -289,13 +284,6 @@ def test_episodes_without_a_header_are_nobody_s_and_refused(whole, tmp_path):
     with pytest.raises(FileError, match=r"header\.json: this folder holds .*\n  header: none"):
         Run(path, run)
     assert (run / EPISODES).read_bytes() == (folder / EPISODES).read_bytes()
-
-
-def test_comment_in_the_experiment_changes_nothing(whole, tmp_path):
-    path, folder = whole
-    run, other = copy(folder, tmp_path / "run"), tmp_path / "x.toml"
-    other.write_text("# a comment\n" + path.read_text())
-    assert list(Run(other, run).episodes()) == []
 
 
 def header(**changes):
@@ -504,23 +492,3 @@ def test_two_workers_leave_the_same_bytes_as_one(whole, tmp_path):
     assert {record.key for record in records} == {r.key for r in read_run(folder).records}
     assert files(tmp_path / "run") == files(folder)
     assert multiprocessing.active_children() == []
-
-
-def test_eval_takes_a_figure_of_the_laboratory_too(tmp_path):
-    path = tmp_path / "fig.toml"
-    path.write_text(
-        'kind = "trace"\nname = "x"\npolicies = ["fifo-merge[3]"]\nworkloads = ["type"]\n'
-        'unit_sets = ["m"]\nsequences = 2\nlength = 10\ncheckpoints = [5, 10]\n'
-    )
-    (tmp_path / "taken").mkdir()
-    (tmp_path / "taken" / EPISODES).write_text("{}")
-    taken = CliRunner().invoke(
-        app, ["eval", str(path), "--fresh", "--out", str(tmp_path / "taken")]
-    )
-    assert (taken.exit_code, "holds no run, but" in taken.output) == (1, True)
-    arguments = ["eval", str(path), "--out", str(tmp_path / "run")]
-    refused = CliRunner().invoke(app, [*arguments, "--limit", "1"])
-    assert (refused.exit_code, "has no --limit" in refused.output) == (1, True)
-    result = karma(*arguments)
-    assert f"results: {tmp_path / 'run' / 'results.json'}" in result.replace("\n", "")
-    assert json.loads((tmp_path / "run" / RESULTS).read_text())["cells"]

@@ -1,10 +1,9 @@
 """Runs of sequences over several rooms: the same bytes whoever does them, killed or not."""
 
-import time
 from dataclasses import replace
 
 import pytest
-from support.run_files import TASKS, copy, files, lines_in, started
+from support.run_files import TASKS, files
 from support.written_tasks import write_tasks
 
 from karma.bench.engine.run import Run
@@ -14,7 +13,6 @@ from karma.bench.figures.tables import sheets
 from karma.errors import KarmaError
 from karma.goals.files import load_tasks, with_whole
 from karma.journal.entries import Enter
-from karma.journal.folder import EPISODES, RESULTS
 from karma.journal.run_folder import read_run
 from karma.journal.steps import read_steps, steps_path
 from karma.types.space import SceneRef
@@ -89,23 +87,6 @@ def test_same_bytes_again_and_with_two_workers(whole, tmp_path):
     path, folder = whole
     list(Run(path, tmp_path / "run").episodes(workers=2))
     assert files(tmp_path / "run") == files(folder)
-
-
-def test_killed_run_goes_on_to_the_same_bytes(whole, tmp_path):
-    path, folder = whole
-    cut = copy(folder, tmp_path / "cut")
-    (cut / RESULTS).unlink()
-    lines = (cut / EPISODES).read_bytes().splitlines(keepends=True)
-    (cut / EPISODES).write_bytes(b"".join(lines[:3]))
-    process = started(path, cut)
-    while process.is_alive() and lines_in(cut / EPISODES) < 4:
-        time.sleep(0.02)
-    process.kill()
-    process.join()
-    process = started(path, cut)
-    process.join()
-    assert process.exitcode == 0
-    assert files(cut) == files(folder)
 
 
 def test_other_seeds_are_refused_before_anything_is_run(planner, tmp_path):

@@ -57,7 +57,7 @@ def test_real_model_without_its_template_reads_the_bare_text(smollm, real):
 
 def test_template_that_cannot_be_used_is_told_with_the_way_round_it(tmp_path):
     path = export_tiny(tmp_path / "tiny.gguf", template="{{ raise_exception('no') }}")
-    with pytest.raises(ModelError, match=r"cannot be used: no(.|\n)*--no-chat"):
+    with pytest.raises(ModelError, match=r"cannot be used: no(.|\n)*models.chat=false"):
         LlamaModel(path).complete(QUESTION)
     assert LlamaModel(path, chat=False).complete(QUESTION, max_tokens=2).completion_tokens
 

@@ -3,13 +3,6 @@
 import gzip
 import json
 
-from karma.household.places import ROOMS
-from karma.seeds import stream
-
-KINDS = {"kitchen": ("Apple", "Mug", "Pan", "Knife"), "living": ("Book", "Vase", "Box"),
-         "bedroom": ("Pillow", "CD", "Pen"), "bathroom": ("Cloth", "SoapBar")}  # fmt: skip
-PLANS = {"kitchen": 0, "living": 200, "bedroom": 300, "bathroom": 400}
-
 
 def trial(plan, thing, parent, *, movable="", toggle="", sliced=False, picked=()):
     """A record in ALFRED's form, with the pick-ups as (object, receptacle)."""
@@ -35,14 +28,3 @@ def write_trials(path, trials):
     lines = b"".join(json.dumps(one).encode() + b"\n" for one in trials)
     path.write_bytes(gzip.compress(lines, mtime=0))
     return path
-
-
-def many_trials(count=300):
-    rng = stream(1, "lab-tests", "trials")
-    for _ in range(count):
-        room = ROOMS[int(rng.integers(4))]
-        kinds = KINDS[room]
-        thing = kinds[int(rng.integers(len(kinds)))]
-        place = ("Shelf", "Drawer", "Desk")[int(rng.integers(3))]
-        plan = PLANS[room] + 1 + int(rng.integers(3))
-        yield trial(plan, thing, place, picked=[(thing, ("Shelf", "Drawer")[int(rng.integers(2))])])

@@ -2,6 +2,7 @@
 
 import inspect
 import math
+import random
 import re
 
 import numpy as np
@@ -10,13 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.household import find, kitchen
 from support.paths import ROOT
+from support.random_steps import random_step
 
 from karma.world.actions.table import ACTIONS, LEFT_OUT
+from karma.world.core.scene import SCENES as SHIPPED
 from karma.world.sim import MISUSE, EmbeddedWorld
 
 PAGE = ROOT / "docs" / "world" / "actions.md"
 ROOM = kitchen()
 IDS = [thing.id for thing in ROOM.objects]
+SCENES = sorted(path.stem for path in SHIPPED.glob("*.json"))
 
 
 @pytest.fixture
@@ -191,83 +195,6 @@ def test_page_lists_every_refused_action_once_with_its_reason():
 
 # ----------------------------------------------------------------- any junk
 
-numbers = st.one_of(
-    st.sampled_from([0.0, -0.0, 1.0, -1.0, 0.25, 0.5, 30.0, 90.0, 1e-9, 1e20, -1e38, 3.3e38, 1e300,
-                     math.nan, math.inf, -math.inf]),
-    st.floats(-5, 5), st.integers(-10, 400), st.integers(),
-)  # fmt: skip
-words = st.one_of(
-    st.sampled_from([*IDS, "", "Apple", "Fridge", "water", "Collider", "default", "white",
-                     "CanOpen", "openable", "Ultra", "|", "x" * 500]),
-    st.text(max_size=5),
-)  # fmt: skip
-places = st.fixed_dictionaries({}, optional={axis: numbers for axis in "xyz"})
-sane = st.fixed_dictionaries({axis: st.floats(-2, 2) for axis in "xyz"})
-anything = st.recursive(
-    st.one_of(st.none(), st.booleans(), numbers, words, places),
-    lambda inner: st.one_of(
-        st.lists(inner, max_size=4), st.dictionaries(st.text(max_size=3), inner, max_size=3)
-    ),
-    max_leaves=6,
-)
-LIKELY = {
-    "objectId": st.sampled_from(IDS),
-    "objectIds": st.lists(st.sampled_from(IDS), max_size=5),
-    "receptacleObjectIds": st.lists(st.sampled_from(IDS), max_size=5),
-    "positions": st.lists(sane, max_size=3),
-    "gridSize": st.sampled_from([0.0, 0.05, 0.1, 0.25, 0.3, 0.5]),
-    "fieldOfView": st.floats(1, 179),
-    "horizon": st.sampled_from([-30, 0, 30, 60]),
-    "degrees": st.sampled_from([10, 30, 90]),
-    "openness": st.floats(0, 1),
-    "numPlacementAttempts": st.integers(1, 3),
-    "fillLiquid": st.sampled_from(["water", "coffee"]),
-    "agentMode": st.just("default"),
-    "agentCount": st.just(1),
-    "thirdPartyCameraId": st.just(0),
-    "x": st.floats(0, 1),
-    "y": st.floats(0, 1),
-}
-USUAL = {
-    bool: st.booleans(),
-    int: st.integers(0, 500),
-    float: st.one_of(st.floats(-0.3, 0.3), st.floats(0, 300)),
-    str: words,
-    dict: sane,
-    list: st.lists(st.one_of(words, st.floats(0, 360), sane), max_size=3),
-}
-
-
-def likely(argument, kinds):
-    if argument in LIKELY and not (argument in "xy" and int in kinds):
-        return LIKELY[argument]
-    return st.one_of([USUAL[kind] for kind in kinds if kind in USUAL])
-
-
-@st.composite
-def steps(draw):
-    """One action with arguments that may do; in one of four steps one of them is junk."""
-    name = draw(st.sampled_from(sorted(ACTIONS.keys() - LEFT_OUT.keys())))
-    action = ACTIONS[name]
-    arguments = {
-        argument: draw(likely(argument, kinds))
-        for argument, kinds in action.kinds.items()
-        if argument in action.required or draw(st.integers(0, 2)) == 0
-    }
-    if "objectId" in action.kinds and draw(st.integers(0, 9)):
-        arguments["objectId"] = draw(LIKELY["objectId"])
-    if "forceAction" in action.kinds and draw(st.booleans()):
-        arguments["forceAction"] = True
-    if draw(st.integers(0, 3)) == 0:
-        arguments[draw(st.sampled_from([*action.kinds, "objectId", "nonsense"]))] = draw(anything)
-    return {**arguments, "action": name}
-
-
-taking = st.builds(
-    lambda object_id: {"action": "PickupObject", "objectId": object_id, "forceAction": True},
-    st.sampled_from([t.id for t in ROOM.objects if "pickupable" in t.capabilities]),
-)
-
 
 def floats(value):
     if isinstance(value, float):
@@ -308,10 +235,10 @@ def assert_fair(world, action):
         assert event.state is before
 
 
-@settings(max_examples=400)
-@given(actions=st.lists(st.one_of(steps(), steps(), steps(), taking), min_size=1, max_size=15))
-def test_any_junk_raises_nothing_but_misuse_and_leaves_a_sound_world(actions):
-    world = EmbeddedWorld(ROOM)
-    for action in actions:
-        assert_fair(world, action)
+@settings(max_examples=80)
+@given(st.sampled_from([ROOM, ROOM, ROOM, *SCENES[::5]]), st.integers(0, 2**32))
+def test_any_junk_raises_nothing_but_misuse_and_leaves_a_sound_world(room, seed):
+    world, draw = EmbeddedWorld(room), random.Random(seed)
+    for _ in range(30):
+        assert_fair(world, random_step(draw, world.state.objects))
         assert_sound(world.last_event)

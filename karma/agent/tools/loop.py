@@ -5,7 +5,7 @@ once when the agent observed the contrary, and the report is what was done and o
 """
 
 from collections import Counter
-from collections.abc import Generator, Iterable, Iterator, Mapping
+from collections.abc import Generator, Iterable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 
@@ -62,7 +62,6 @@ class _Conversation:
     ) -> None:
         self._planner, self._memory = planner, memory
         self._session, self._subtask = session, subtask
-        self._hidden = {} if memory.settings.short_term else dict(memory.room.seen)
         self._turns: list[tuple[str, str]] = []
         self._shown = Shown({})
         self._chosen: set[str] = set()  # ids that the model itself opened, closed or switched
@@ -114,7 +113,7 @@ class _Conversation:
                 break
         else:
             self._stopped = f"{MAX_TURNS} answers without an end"
-        yield from self._restore()
+        yield from self._session.restore(self._chosen)
 
     def exchange(self) -> Exchange:
         """Return the request and what became of it, as later prompts have it."""
@@ -188,12 +187,6 @@ class _Conversation:
         exact = bool(call.names) and call.names[-1] in self._names
         return session.call(SkillCall(skill=skill, objects=tuple(ids), exact=exact), reported=True)
 
-    def _restore(self) -> Iterator[SkillResult]:
-        """Undo what only a search opened or switched on."""
-        for object_id, undo in self._session.remembered().left.items():
-            if object_id not in self._chosen:
-                yield self._session.call(SkillCall.of(undo, object_id))
-
     # ------------------------------------------------------------- facts
 
     def _objection(self, call: ToolCall | BadCall) -> str:
@@ -260,12 +253,9 @@ class _Conversation:
         return self._names
 
     def _seen(self) -> dict[str, SeenObject]:
-        """Return the sights that the model may read of; without short-term memory only new ones."""
-        return {
-            object_id: sight
-            for object_id, sight in self._session.seen().items()
-            if self._hidden.get(object_id) is not sight
-        }
+        """Return the sights that the model may read of."""
+        seen = self._session.seen().items()
+        return {object_id: sight for object_id, sight in seen if self._memory.may_tell(sight)}
 
     def _news(self) -> str:
         text, self._shown = self._shown.news(self._seen(), self._names)

@@ -25,12 +25,6 @@ from karma.types.tasks import Task
 MOST_SEEDS = 10_000
 
 
-class RunOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How a run is kept; its records do not depend on it."""
-
-    steps: bool = True  # a step log per episode
-
-
 def check_listed(
     rows: Sequence[str], seeds: Sequence[int], only: Sequence[str], settings: Sequence[str] = ()
 ) -> None:
@@ -59,7 +53,6 @@ class Experiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     world: str = "embedded"
     models: Models = Models()
     seeds: tuple[int, ...] = (0,)
-    run: RunOptions = RunOptions()
 
     def __post_init__(self) -> None:
         """Refuse what there is nothing to do for, or what would be done twice."""

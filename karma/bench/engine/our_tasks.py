@@ -120,7 +120,7 @@ def our_tasks(
     base_url: str,
     *,
     folder: Path,
-    steps: bool | None,
+    steps: bool,
 ) -> OurTasks:
     """Read an experiment and its tasks; arguments and errors as of `karma.bench.engine.run.Run`."""
     experiment = read_experiment(path, changes)
@@ -135,7 +135,7 @@ def our_tasks(
         tasks=found.tasks,
         scenes=found.scenes,
         folder=folder,
-        steps=experiment.run.steps if steps is None else steps,
+        steps=steps,
     )
 
 

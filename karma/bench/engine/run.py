@@ -56,7 +56,7 @@ class Run:
                 raise KarmaError(f"{path}: a benchmark has no steps")
             self.suite = benchmark_suite(*said)
         else:
-            self.suite = our_tasks(*said, folder=folder, steps=steps)
+            self.suite = our_tasks(*said, folder=folder, steps=steps is not False)
         self.experiment: Any = self.suite.experiment  # an `Experiment`, or a benchmark's own
         ours = self.suite if isinstance(self.suite, OurTasks) else None
         self.tasks: tuple[Task, ...] = ours.placed() if ours else ()  # of our own

@@ -19,7 +19,7 @@ from karma.types.completion import Thinking
 from karma.types.planning import Prompt
 
 _MARK = "\ue000changing\ue000"  # private use: no template treats it specially
-_FIX = "\n  To fix: --no-chat, or chat = false, opens it without"
+_FIX = "\n  To fix: chat = false in [models], or --set models.chat=false, opens it without"
 
 
 def trial(path: str) -> None:

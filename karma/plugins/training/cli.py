@@ -41,7 +41,10 @@ def models_tune(
     if found:
         exact, loss = figure_text(found["exact"], 3), figure_text(found["loss"], 4)
         tell(f"of what is watched {exact} right to the letter, loss {loss}")
-    tell(f"tuned: {place}; `karma run --planner {place} --profile compact --no-chat REQUEST`")
+    tell(
+        f"tuned: {place}; `karma run --planner {place} --profile compact "
+        "--set models.chat=false REQUEST`"
+    )
 
 
 def vlm_eval(

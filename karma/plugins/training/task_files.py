@@ -12,7 +12,6 @@ from typing import Any, get_args
 
 from karma import registry
 from karma.bench.engine.episode import run_episode
-from karma.bench.engine.task_check import Possible
 from karma.bench.methods.expert import ExpertMethod
 from karma.errors import FileError
 from karma.files import to_json, write_atomic
@@ -23,6 +22,7 @@ from karma.plugins.training.drawing.drawn_tasks import DrawnRequest, Kind, draw_
 from karma.plugins.training.drawing.memories import room_of
 from karma.plugins.training.drawing.phrases import Book
 from karma.plugins.training.drawing.requests import KINDS
+from karma.plugins.training.possible import Possible
 from karma.plugins.training.sources import DRAWN_ROOMS
 from karma.seeds import stream
 from karma.types.roles import World

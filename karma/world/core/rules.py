@@ -80,7 +80,7 @@ class Toggle(Struct, frozen=True, forbid_unknown_fields=True):
     controlled_only: tuple[str, ...]
 
 
-class Handling(Struct, frozen=True, forbid_unknown_fields=True):
+class HandlingRules(Struct, frozen=True, forbid_unknown_fields=True):
     """How far a thrown thing gets, what spills, and what vessels may be filled with."""
 
     m_per_n: float
@@ -133,7 +133,7 @@ class Rules(Struct, frozen=True, forbid_unknown_fields=True):
 
     time: Time
     toggle: Toggle
-    handling: Handling
+    handling: HandlingRules
     fragile: Fragile
     put: Put
     doors: Doors

@@ -47,7 +47,7 @@ def test_refused_answers_are_kept_whole_with_their_prompts_and_quoted(tmp_path, 
     with wire_server(answer) as (url, seen):
         done = CliRunner().invoke(app, [
             "run", "Open the fridge.", "--planner", "openai", "--base-url", url, "--model", "m",
-            "--no-constrained", "--json", "x.json",
+            "--set", "models.constraint=free", "--json", "x.json",
         ])  # fmt: skip
     assert done.exit_code == 0, done.output
     (line,) = json.loads(Path("x.json").read_text())["instructions"]

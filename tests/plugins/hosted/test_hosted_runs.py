@@ -156,8 +156,10 @@ def test_replay_of_another_experiment_ends_the_run_and_shows_the_difference(expe
 @pytest.mark.model
 def test_run_command_takes_a_hosted_planner_and_prints_its_bill(server, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    shared = ("run", "Open the fridge.", "--planner", "openai", "--model", "nano-chat",
-              "--no-constrained", "--profile", "compact", "--cassette", "tape")  # fmt: skip
+    shared = (
+        "run", "Open the fridge.", "--planner", "openai", "--model", "nano-chat",
+        "--set", "models.constraint=free", "--profile", "compact", "--cassette", "tape",
+    )  # fmt: skip
     recorded = karma(*shared, "--base-url", server, "--cassette-mode", "record",
                      "--maps", "maps-1", "--json", "1.json")  # fmt: skip
     assert re.search(r"planner nano-chat: \d+ requests \(0 failed\), \d+ \+ \d+ tokens", recorded)

@@ -147,13 +147,10 @@ def test_reply_is_what_python_gets(tmp_path, capsys):
     assert say(agent, "put the apple in the fridge") is agent.replies[0]
 
 
-@pytest.mark.parametrize("command", ["chat", "run"])
-def test_both_commands_talk_where_nothing_is_said_on_the_command_line(
-    command, tmp_path, monkeypatch
-):
+def test_command_talks_until_quit(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     planner = str(export_tiny(tmp_path / "tiny.gguf"))
     options = ["--planner", planner, "--profile", "compact", "--scene", "kitchen_1"]
-    done = CliRunner().invoke(app, [command, *options], input="/memory\n/quit\n")
+    done = CliRunner().invoke(app, ["chat", *options], input="/memory\n/quit\n")
     assert done.exit_code == 0, done.output
     assert "short-term memory: 0 of 10" in done.output

@@ -1,0 +1,222 @@
+"""Find the objects that a description means: known ones first, then by looking and searching."""
+
+from collections.abc import Generator, Iterable
+from dataclasses import dataclass
+
+from karma.agent.goal_mode.language import STATES, Description, GoalAnswer
+from karma.agent.goal_mode.names import Similar, types_named
+from karma.agent.loop import AgentSession
+from karma.agent.memory import AgentMemory
+from karma.agent.seeing.perceive import place_of
+from karma.agent.session import LOOK_OVER, SURVEY
+from karma.household.ids import root_id, type_of
+from karma.household.pieces import base_type, is_piece
+from karma.household.places import FLOOR, OVERLOOKED, landmark_types
+from karma.household.types import object_types
+from karma.household.uses import COFFEE_MACHINE, without_basin
+from karma.types.events import AgentEvent
+from karma.types.observation import SeenObject
+from karma.types.planning import SkillCall
+
+MAX_OBJECTS = 20  # of one description
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KnownObject:
+    """An object that the agent knows of."""
+
+    object_id: str
+    object_type: str
+    states: tuple[str, ...]
+    place_id: str | None
+
+
+Search = Generator[AgentEvent, None, tuple[str, ...]]
+"""Looks for objects and returns their ids."""
+
+
+class ObjectFinder:
+    """Finds objects of a room for the descriptions of one request."""
+
+    def __init__(
+        self, memory: AgentMemory, session: AgentSession, similar: Similar | None = None
+    ) -> None:
+        self._memory, self._session, self._similar = memory, session, similar
+        self._searched: set[str] = set()  # types of which the room holds no more
+        self._surveyed = False
+        self._handled: list[str] = []  # ids, in the order of use in this request
+        self._avoided: tuple[Description, ...] = ()
+
+    def avoid(self, descriptions: Iterable[Description]) -> None:
+        """Leave out objects of some descriptions from now on."""
+        self._avoided = tuple(descriptions)
+
+    def handle(self, object_id: str) -> None:
+        """Note that an object was used: its description means it from now on."""
+        self._handled.append(object_id)
+
+    def left_open(self, answer: GoalAnswer) -> frozenset[str]:
+        """Return the ids of what an answer wants open or on."""
+        wanted = [wish.what for wish in answer.wishes if wish.verb in ("open", "on")]
+        ids = {one.object_id for what in wanted for one in self.matching(_bare(what))}
+        coffee = any(wish.verb == "coffee" for wish in answer.wishes)
+        machines = {one.object_id for one in self.known() if one.object_type == COFFEE_MACHINE}
+        return frozenset(ids | (machines if coffee else set()))
+
+    # ------------------------------------------------------------- names
+
+    def unknown_names(self, answer: GoalAnswer) -> tuple[str, ...]:
+        """Return names of an answer that mean nothing that could be in this room."""
+        names = [name for d in answer.descriptions for name in (d.name, *(p for p, _ in d.places))]
+        return tuple(dict.fromkeys(name for name in names if not self._could_be_here(name)))
+
+    def types(self, name: str) -> tuple[str, ...]:
+        """Return the object types that a name means."""
+        object_id = self._named(name)
+        return (type_of(object_id),) if object_id else types_named(name, self._similar)
+
+    def _named(self, name: str) -> str | None:
+        """Return the id of the object that a numbered name means; a bare type means any."""
+        return self._memory.room.names.get(name) if "_" in name else None
+
+    def _could_be_here(self, name: str) -> bool:
+        """Return whether a name means a type that can be here: the map shows all furniture."""
+        types = self.types(name)
+        graph = self._memory.graph
+        if graph is None or self._named(name):
+            return bool(types)
+        here = {node.type for node in graph.objects()} | {FLOOR, *OVERLOOKED}
+        here |= {without_basin(kind) for kind in here}
+        here |= {one.object_type for one in self.known()}
+        return any(kind in here or kind not in landmark_types() for kind in types)
+
+    # ------------------------------------------------------------- what is known
+
+    def known(self) -> tuple[KnownObject, ...]:
+        """Return all objects that the agent knows of, those handled in this request first."""
+        seen = self._session.seen()
+        found = {
+            unit.object_id: KnownObject(
+                object_id=unit.object_id,
+                object_type=unit.object_type,
+                states=unit.states,
+                place_id=unit.place_id,
+            )
+            for unit in reversed(self._session.remembered().units)
+        }
+        for object_id, sight in seen.items():
+            if self._memory.may_tell(sight) or object_id in found:
+                found[object_id] = _as_known(sight)
+        graph = self._memory.graph
+        for node in graph.objects() if graph is not None else ():
+            if node.id not in found:
+                found[node.id] = KnownObject(
+                    object_id=node.id, object_type=node.type, states=(), place_id=None
+                )
+        order = {object_id: number for number, object_id in enumerate(self._handled)}
+        return tuple(
+            sorted(
+                found.values(),
+                key=lambda one: -order.get(one.object_id, order.get(root_id(one.object_id), -1)),
+            )
+        )
+
+    def matching(self, description: Description) -> tuple[KnownObject, ...]:
+        """Return the known objects that a description means, without those to be avoided."""
+        return tuple(
+            one
+            for one in self.known()
+            if self._fits(one, description)
+            and not any(self._fits(one, avoided) for avoided in self._avoided)
+        )
+
+    def _fits(self, one: KnownObject, description: Description) -> bool:
+        if named := self._named(description.name):
+            return one.object_id == named
+        types = self.types(description.name)
+        if not {one.object_type, base_type(one.object_type)} & set(types):
+            return False
+        for word, holds in description.states:
+            state, has = STATES[word]
+            cut = state == "sliced" and is_piece(one.object_type)
+            if (cut or state in one.states) != (has == holds):
+                return False
+        return all(self._lies_in(one, place) == holds for place, holds in description.places)
+
+    def _lies_in(self, one: KnownObject, place: str) -> bool:
+        if one.place_id is None:
+            return False
+        if named := self._named(place):
+            return one.place_id == named or root_id(one.place_id) == named
+        return without_basin(type_of(one.place_id)) in self.types(place)
+
+    # ------------------------------------------------------------- looking for them
+
+    def find(self, description: Description, *, everywhere: bool = False) -> Search:
+        """Look for the objects of a description; return the ids, at most its count.
+
+        `everywhere`: closed containers are searched, too, although enough are known.
+        """
+        yield from self.look_at_places(description)
+        if any(holds for _, holds in description.places):  # and only there
+            ids = [one.object_id for one in self.matching(description)]
+            return tuple(ids[: description.count])
+        wanted = description.count or MAX_OBJECTS
+        is_all = description.count is None or everywhere
+        if is_all and not self._is_fixed(description):
+            yield from self.survey()
+        for object_type in self.types(description.name):
+            while is_all or len(self.matching(description)) < wanted:
+                if object_type in self._searched or self._is_fixed(description):
+                    break
+                known = {
+                    o.object_id for o in self.known() if base_type(o.object_type) == object_type
+                }
+                if len(known) >= MAX_OBJECTS:
+                    break
+                call = SkillCall.of("Explore", object_type)
+                result = self._session.call(call, aside=known)
+                yield result
+                if not result.ok:
+                    self._searched.add(object_type)
+        return tuple(one.object_id for one in self.matching(description))[:wanted]
+
+    def look_at_places(self, description: Description) -> Generator[AgentEvent, None, None]:
+        """Look over the places that a description names, for what lies there."""
+        for place, _ in description.places:
+            for one in self.matching(Description(name=place, count=None)):
+                if one.object_id not in self._searched:
+                    self._searched.add(one.object_id)
+                    yield from self.look_over(one.object_id)
+
+    def look_over(self, object_id: str) -> Generator[AgentEvent, None, None]:
+        """Go to a receptacle and look at what lies on it or in it."""
+        result = self._session.call(SkillCall.of("GoToObject", object_id))
+        yield result
+        if object_id in self._session.seen():
+            yield self._session.call(SkillCall.of(LOOK_OVER, object_id))
+
+    def survey(self) -> Generator[AgentEvent, None, None]:
+        """Look around everywhere, once for a request."""
+        if not self._surveyed:
+            self._surveyed = True
+            yield self._session.call(SkillCall.of(SURVEY))
+
+    def _is_fixed(self, description: Description) -> bool:
+        """Return whether a description means furniture, which the map shows."""
+        types = self.types(description.name)
+        movable = [object_types()[kind].can("pickupable") for kind in types]
+        return not any(movable)
+
+
+def _bare(description: Description) -> Description:
+    return Description(name=description.name, count=None, places=description.places)
+
+
+def _as_known(sight: SeenObject) -> KnownObject:
+    return KnownObject(
+        object_id=sight.object_id,
+        object_type=sight.object_type,
+        states=sight.states,
+        place_id=place_of(sight),
+    )

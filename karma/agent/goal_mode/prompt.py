@@ -1,0 +1,75 @@
+"""The prompt of goal mode: a constant prefix with examples as turns, then the request."""
+
+from collections.abc import Mapping, Sequence
+
+from karma.agent.planning.full_profile import name_for
+from karma.agent.tools.sights import unit_text
+from karma.household.ids import short_type
+from karma.types.memory import Exchange, MemoryUnit
+from karma.types.observation import SeenObject
+
+SYSTEM = """\
+You read requests to a household robot. Answer with what is to be true, a line for each:
+put(X, Y)  near(X, Y)  hold(X)  clean(X)  heat(X)  cook(X)  cool(X)  slice(X)  fill(X)  coffee(X)
+empty(X)  break(X)  open(X)  close(X)  on(X)  off(X)  trash(X)
+if(X) only if there is such an X; avoid(X) not that X; tell(X) a question about X
+ask("...") what is missing; refuse("...") why it cannot be done; note("...") nothing was asked
+X is a name, with a count or all before it, and states or places behind it: 2 Mug dirty,
+all Book in Shelf, Egg not in Fridge. "it" is what was used last.
+"""
+
+EXAMPLES: tuple[tuple[str, str, str], ...] = (
+    ("", "put the apple in the fridge", "put(Apple, Fridge)"),
+    ("", "Could you wash both mugs and leave them in the cabinet?",
+     "clean(2 Mug)\nput(2 Mug, Cabinet)"),
+    ("", "throw the old newspaper away", "trash(Newspaper)"),
+    ("Apple in Fridge", "cut it up and bring me a piece", "slice(Apple)\nhold(Apple)"),
+    ("", "Is the window open?", "tell(Window)"),
+    ("", "Put all the books on the shelf except the one on the bed.",
+     "avoid(Book in Bed)\nput(all Book, Shelf)"),
+    ("", "If there are eggs in the fridge, boil one, please.", "if(Egg in Fridge)\ncook(Egg)"),
+    ("", "I'm home!", 'note("Welcome home.")'),
+    ("", "How many forks do we have?", "tell(all Fork)"),
+    ("Pen in Drawer_2; Mug at Sink (dirty)", "make me a coffee in the clean one",
+     "coffee(Mug clean)"),
+    ("", "Hand me the thing from before.", 'ask("Which object do you mean?")'),
+    ("", "Book me a table for two.", 'refuse("I cannot do that.")'),
+    ("", "It's too dark in here.", "on(LightSwitch)"),
+    ("Plate at Sink", "warm some bread and put it on the plate", "heat(Bread)\nput(Bread, Plate)"),
+)  # fmt: skip
+"""Memory line, request, answer."""
+
+
+def user_message(
+    request: str,
+    *,
+    whole: str,
+    units: Sequence[MemoryUnit],
+    held: SeenObject | None,
+    names: Mapping[str, str],
+    exchanges: Sequence[Exchange],
+) -> str:
+    """Return the message for one request; `names` are what is known to be in the room."""
+    name_of = {object_id: name for name, object_id in names.items()}
+    used = [unit_text(unit, name_of) for unit in units if unit.handled][-4:]
+    if held is not None:
+        used.append(f"{name_for(held.object_id, name_of)} in the hand")
+    here = sorted(dict.fromkeys(map(short_type, names)))
+    lines = [f"Here: {', '.join(here)}"] if here else []
+    lines += [f"Before: {exchange.request}" for exchange in exchanges[-2:]]
+    lines.append(message(request if not whole else f"{request} (part of: {whole})", used))
+    return "\n".join(lines)
+
+
+def message(request: str, used: Sequence[str]) -> str:
+    """Return memory line and request, as the examples have them."""
+    memory = [f"Used last: {'; '.join(used)}"] if used else []
+    return "\n".join([*memory, f"Request: {request}"])
+
+
+def example_turns() -> tuple[tuple[str, str], ...]:
+    """Return the examples as turns of user and assistant."""
+    return tuple(
+        (message(request, [memory] if memory else []), answer)
+        for memory, request, answer in EXAMPLES
+    )

@@ -1,0 +1,226 @@
+"""Carry out a parsed answer of goal mode: conditions, wishes, questions."""
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, field, replace
+
+from karma.agent.goal_mode.language import VERBS, Description, GoalAnswer, Wish
+from karma.agent.goal_mode.objects import KnownObject, ObjectFinder
+from karma.agent.loop import AgentSession
+from karma.agent.planning.expert import ExpertView, NamedThing, solve
+from karma.agent.planning.program import PUTS
+from karma.household.ids import is_id, type_of
+from karma.household.pieces import base_type
+from karma.household.places import HAND
+from karma.household.saying import name_of, plural_of, spoken, told_place
+from karma.household.states import SAID_AS
+from karma.household.uses import BIN, COFFEE_MACHINE
+from karma.types.events import AgentEvent, SkillResult
+from karma.types.planning import End, SkillCall
+from karma.types.tasks import Goal
+
+MAX_PROGRAMS = 5  # per object; each leaves out what the world refused
+_WAYS = frozenset({"GoToObject", "Explore"})  # calls without an effect to report
+
+Work = Generator[AgentEvent, None, str]
+"""Acts, and returns why it came to nothing, or an empty text."""
+
+
+@dataclass(frozen=True, slots=True)
+class GoalWork:
+    """The work for one answer."""
+
+    session: AgentSession
+    finder: ObjectFinder
+    taken_places: set[str] = field(default_factory=set)
+
+    def carry_out(self, answer: GoalAnswer) -> Generator[AgentEvent, None, End | bool]:
+        """Check the conditions, bring the wishes about, and answer the questions."""
+        for avoided in answer.avoided:
+            yield from self.finder.look_at_places(avoided)
+        self.finder.avoid(answer.avoided)
+        for description, wanted in answer.conditions:
+            found = yield from self.finder.find(replace(description, count=1))
+            if bool(found) != wanted:
+                state = "there is no" if wanted else "there is a"
+                return End(kind="tell", text=f"Nothing to do: {state} {_in_words(description)}.")
+        failures = []
+        for wish in answer.wishes:
+            failures.append((yield from self._grant(wish)))
+        if reasons := list(dict.fromkeys(filter(None, failures))):
+            self.session.say("; ".join(reasons), "unseen")
+            return False
+        if not answer.told:
+            return End(kind="done", text="")
+        texts = []
+        for description in answer.told:
+            texts.append((yield from self._report(description)))
+        return End(kind="tell", text=" ".join(texts))
+
+    # ------------------------------------------------------------- wishes
+
+    def _grant(self, wish: Wish) -> Work:
+        """Bring a wish about for each object that it means."""
+        ids = yield from self.finder.find(wish.what)
+        if not ids:
+            return f"I found no {_in_words(wish.what)}"
+        for object_id in ids:
+            reason = yield from self._grant_for(wish, object_id)
+            if reason:
+                return reason
+        if wish.what.count is not None and len(ids) < wish.what.count:
+            return f"I found only {len(ids)} {_in_words(replace(wish.what, count=2))}"
+        return ""
+
+    def _grant_for(self, wish: Wish, object_id: str) -> Work:
+        """Bring a wish about for an object; retry without what the world refused."""
+        where: tuple[str, ...] = ()
+        if wish.where is not None:
+            where = yield from self.finder.find(wish.where)
+            if not where:
+                return f"I found no {_in_words(wish.where)}"
+        refused: set[tuple[str, str]] = set()
+        reason = ""
+        for _ in range(MAX_PROGRAMS):
+            receptacle = self._receptacle(wish, where, object_id, refused)
+            if receptacle is None:
+                return reason or f"there is no place left for the {name_of(object_id)}"
+            goals = _goals(wish, object_id, receptacle)
+            result = yield from self._run(solve(goals, self._view(wish, receptacle, refused)))
+            if result is None:
+                self.finder.handle(object_id)
+                return ""
+            reason = result.reason
+            call = result.call
+            if call.skill not in PUTS:
+                continue
+            refused.add((call.objects[0], call.objects[-1]))
+            refused.add((object_id, receptacle))
+        return reason
+
+    def _receptacle(
+        self,
+        wish: Wish,
+        where: Sequence[str],
+        object_id: str,
+        refused: set[tuple[str, str]],
+    ) -> str | None:
+        """Return the id or type to put an object; None if all were refused; "" without a place."""
+        if wish.verb == "trash":
+            return BIN
+        if wish.where is None:
+            return ""
+        described = wish.where.states or wish.where.places or is_id(where[0])
+        kind = type_of(where[0])
+        if not described and (object_id, kind) not in refused:
+            return kind
+        left = [one for one in where if (object_id, one) not in refused and one != object_id]
+        if left:
+            return left[0]
+        others = self.finder.matching(replace(wish.where, count=None))
+        return next(
+            (one.object_id for one in others if (object_id, one.object_id) not in refused), None
+        )
+
+    def _run(self, program: Sequence[SkillCall]) -> Generator[AgentEvent, None, SkillResult | None]:
+        """Run a program; return the result of the call that failed, or None."""
+        for call in program:
+            exact = is_id(call.objects[-1])
+            result = self.session.call(replace(call, exact=exact), reported=call.skill not in _WAYS)
+            yield result
+            if not result.ok:
+                return result
+        return None
+
+    def _view(self, wish: Wish, receptacle: str, refused: set[tuple[str, str]]) -> ExpertView:
+        """Return what the agent knows, for the writer of programs."""
+        known = self.finder.known()
+        held = self.session.remembered().held
+        things = [
+            _thing(one, near=wish.verb == "near" and one.object_id == receptacle)
+            for one in known
+            if not (receptacle == type_of(receptacle) == one.object_type)  # any of them will do
+        ]
+        fixtures = self.session.remembered().fixtures
+        return ExpertView(
+            things=tuple(things),
+            landmarks=frozenset(fixtures.values()),
+            held=next((t for t in things if held and t.name == held.object_id), None),
+            refused=frozenset(refused),
+        )
+
+    # ------------------------------------------------------------- questions
+
+    def _report(self, description: Description) -> Generator[AgentEvent, None, str]:
+        """Look for the objects of a question and return what is known of them."""
+        ids = yield from self.finder.find(description, everywhere=description.count is None)
+        known = {one.object_id: one for one in self.finder.known()}
+        objects = [known[one] for one in ids if one in known]
+        if not objects:
+            return f"I found no {_in_words(description)}."
+        fixed = all(type_of(one.object_id) == "Floor" or one.place_id is None for one in objects)
+        if fixed:
+            texts = []
+            for one in objects[:4]:
+                yield from self.finder.look_over(one.object_id)
+                texts.append(self._contents(one.object_id))
+            return " ".join(texts)
+        told = [f"the {_name(one)} is {told_place(one.place_id)}" for one in objects]
+        count = f"{len(objects)}: " if len(objects) > 1 else ""
+        return f"{count}{'; '.join(told)}."
+
+    def _contents(self, object_id: str) -> str:
+        """Return the state of a piece of furniture and what lies in or on it."""
+        known = {one.object_id: one for one in self.finder.known()}
+        one = known[object_id]
+        inside = [o for o in known.values() if o.place_id and o.place_id.startswith(object_id)]
+        states = [SAID_AS.get(word, word) for word in one.states if word != "none"]
+        text = f"The {name_of(object_id)} is {' and '.join(states)}" if states else ""
+        if inside:
+            names = ", ".join(_name(o) for o in inside)
+            link = told_place(object_id).partition(" ")[0]
+            text = (
+                f"{text}; {link} it: {names}" if text else f"On the {name_of(object_id)}: {names}"
+            )
+        return f"{text or f'I see the {name_of(object_id)}'}."
+
+
+def _goals(wish: Wish, object_id: str, receptacle: str) -> list[Goal]:
+    """Return the goals of a wish for one object."""
+    _, predicate, state = VERBS[wish.verb]
+    if predicate == "STATE":
+        goals = [Goal(predicate=predicate, arguments=(object_id, state))]
+        if wish.verb == "coffee":
+            goals.append(Goal(predicate="TOGGLEON", arguments=(COFFEE_MACHINE,)))
+        return goals
+    if predicate == "HOLDON":
+        return [Goal(predicate=predicate, arguments=("robot", object_id))]
+    if predicate in ("ON", "NEAR"):
+        return [Goal(predicate="ON", arguments=(object_id, receptacle))]
+    return [Goal(predicate=predicate, arguments=(object_id,))]
+
+
+def _thing(one: KnownObject, *, near: bool) -> NamedThing:
+    place = one.place_id if one.place_id != HAND else None
+    return NamedThing(
+        name=one.object_id,
+        object_type=one.object_type,
+        states=one.states,
+        place=place,
+        place_type=type_of(place) if place else None,
+        holds=not near,
+        now=one.states,
+    )
+
+
+def _name(one: KnownObject) -> str:
+    shown = [SAID_AS.get(w, w) for w in one.states if w not in ("none", "closed", "off")]
+    return " ".join([*shown, spoken(base_type(one.object_type))])
+
+
+def _in_words(description: Description) -> str:
+    words = spoken(description.name)
+    if description.count != 1:
+        words = plural_of(words)
+    parts = [("" if holds else "not ") + state for state, holds in description.states]
+    parts += [("" if holds else "not ") + f"in the {spoken(p)}" for p, holds in description.places]
+    return " ".join([words, *(["that is " + " and ".join(parts)] if parts else [])])
