@@ -136,19 +136,13 @@ def unit_of(
 def _handled(experience: Experience) -> list[str]:
     """Return the ids that stand for what was handled, by last use."""
     last: dict[str, None] = {}
-    for object_id in experience.handled_ids:
-        name = _standing_for(object_id, experience, last)
+    for name in experience.handled_ids:
+        if name in experience.cut:  # a slice stands for the whole
+            parts = [part for part in experience.seen if is_part(part, name)]
+            used = [part for part in last if part in parts]
+            name = (used or sorted(parts) or [name])[-1]
         sight = experience.seen.get(name)
         if sight is not None and sight.pickupable:
             last.pop(name, None)
             last[name] = None
     return list(last)
-
-
-def _standing_for(object_id: str, experience: Experience, before: Iterable[str]) -> str:
-    """Return the id itself, or the slice that stands for a whole that was cut."""
-    if object_id not in experience.cut:
-        return object_id
-    parts = [name for name in experience.seen if is_part(name, object_id)]
-    used = [name for name in before if name in parts]
-    return (used or sorted(parts) or [object_id])[-1]

@@ -56,6 +56,9 @@ class EvalOptions:
         metavar="KEY=VALUE",
         panel=OVERRIDES,
     )
+    planner: str = option(
+        "", "A planner in place of the file's: a name, or a GGUF.", panel=OVERRIDES
+    )
     only: list[str] | None = option(
         None, 'These tasks, "simple-*"; again for more.', panel=OVERRIDES
     )
@@ -72,6 +75,8 @@ class EvalOptions:
         from karma.bench.engine.experiment_file import Changes, Setting, seeds_of, setting_of
 
         settings = [setting_of(text) for text in self.sets or ()]
+        if self.planner:
+            settings.append(Setting(key="models.planner", value=self.planner))
         if self.only:
             settings.append(Setting(key="only", value=list(self.only)))
         if self.limit is not None:

@@ -1,23 +1,11 @@
 """What may go where: as it is, in pieces, or in a vessel. Expert, inspector and judge read this."""
 
 from collections.abc import Callable, Iterable, Iterator
-from functools import cache
 
 from karma.household.ids import short_type
 from karma.household.pieces import piece_type
 from karma.household.types import RULES, RuleSet, object_types
-from karma.household.uses import with_basin
-
-
-@cache
-def hangs_on(object_type: str) -> tuple[str, ...]:
-    """Return the types that a thing hangs on, () where it hangs on none.
-
-    >>> hangs_on("HandTowel"), hangs_on("ToiletPaper"), hangs_on("Mug")
-    (('HandTowelHolder',), ('ToiletPaperHanger',), ())
-    """
-    places = object_types()[object_type].goes_in or ()
-    return tuple(kind for kind in places if kind.endswith(("Holder", "Hanger")))
+from karma.household.uses import BASIN_OF
 
 
 def goes_in(object_type: str, receptacle_type: str, rules: RuleSet = RULES) -> bool:
@@ -27,7 +15,8 @@ def goes_in(object_type: str, receptacle_type: str, rules: RuleSet = RULES) -> b
     (True, False, False)
     """
     kinds = object_types()
-    places = [kinds[one] for one in with_basin(receptacle_type)]
+    basin = BASIN_OF.get(receptacle_type, receptacle_type)
+    places = [kinds[receptacle_type], kinds[basin]]
     holds = any(place.can("receptacle") for place in places)
     return holds and any(kinds[object_type].fits(place, rules) for place in places)
 

@@ -54,15 +54,6 @@ def root_id(object_id: str) -> str:
     return "|".join(_sections(object_id)[0])
 
 
-def names_part(object_id: str) -> bool:
-    """Return whether an id is that of a part or piece of something.
-
-    >>> names_part("Sink|+01.00|+00.90|-02.00|SinkBasin"), names_part("Mug|+01.00|+00.90|-02.00")
-    (True, False)
-    """
-    return bool(_sections(object_id)[1])
-
-
 def whole_id(object_id: str) -> str:
     """Return the id of what a piece was cut from, or what a part is a part of.
 

@@ -5,7 +5,6 @@ from types import MappingProxyType
 
 from karma.household.ids import short_type, type_of
 from karma.household.pieces import EGG, base_type
-from karma.household.types import object_types
 
 # ----------------------------------------------------------------- water
 
@@ -28,16 +27,6 @@ def without_basin(object_type: str) -> str:
     ('Sink', 'Mug')
     """
     return WHOLE_OF.get(object_type, object_type)
-
-
-def with_basin(object_type: str) -> tuple[str, ...]:
-    """Return a type, and that of its basin if it has one.
-
-    >>> with_basin("Sink"), with_basin("Mug")
-    (('Sink', 'SinkBasin'), ('Mug',))
-    """
-    basin = BASIN_OF.get(object_type)
-    return (object_type, basin) if basin else (object_type,)
 
 
 def with_wholes(object_types: Iterable[str]) -> frozenset[str]:
@@ -72,15 +61,6 @@ PARTS_OF_FURNITURE = frozenset(("Drawer", "Shelf", "Cabinet"))  # what one names
 # of which drawers, shelves and cabinets are parts, so that "on the desk" may say which drawer
 HAVE_PARTS = frozenset(("Desk", "Dresser", "SideTable", "TVStand", "CounterTop", "ShelvingUnit"))
 LAMPS = ("DeskLamp", "FloorLamp")
-
-
-def has_a_switch(object_type: str) -> bool:
-    """Return whether a type is toggleable, or follows a knob of its own as burners do.
-
-    >>> has_a_switch("Microwave"), has_a_switch("StoveBurner"), has_a_switch("Sink")
-    (True, True, False)
-    """
-    return object_types()[object_type].can("toggleable") or object_type == BURNER
 
 
 # ----------------------------------------------------------------- where things are changed

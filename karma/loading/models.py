@@ -171,7 +171,7 @@ def load_resources(
     refusing = bool(asked) if is_hosted else may_refuse(models.planner, asked)
     decoding = Decoding(
         refusing=refusing,
-        constraint=models.constraint,
+        constraint="free" if is_hosted and profile == TOOLS else models.constraint,
         seed=seed,
     )
     embedder = filled("embedders", models.embedder, models.hosted.embedder, session, models)
@@ -287,7 +287,7 @@ def language_model(models: Models, session: Session, seed: int) -> tuple[Languag
         hosted = registry.load("planners", OPENAI)(
             models.hosted.planner,
             session=session,
-            constrained=models.constraint != "free",
+            constrained=models.constraint != "free" and models.profile != TOOLS,
             thinking=models.thinking,
             seed=seed,
         )

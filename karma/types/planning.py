@@ -2,12 +2,15 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol, Self, get_args, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, get_args, runtime_checkable
 
 from karma.types.grammars import program_grammar
 from karma.types.memory import Area, MemoryUnit, Recalled
 from karma.types.observation import SeenObject
 from karma.types.space import Frame, Vec3
+
+if TYPE_CHECKING:
+    from karma.types.events import AnswerChecker
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -225,18 +228,3 @@ class SkillCall:
             words = (f"'{p}'" if isinstance(p, str) else repr(p) for p in self.positions)
             parts.append(f"[{', '.join(words)}]")
         return f"{self.skill}({', '.join(parts)})"
-
-
-class AnswerChecker(Protocol):
-    """Checks a planner's answers before they are carried out, by what a plug-in knows."""
-
-    def contradicts(self, refused: RefusedRequest) -> bool:
-        """Return whether a refusal's reason is wrong, so that the planner is asked again."""
-
-    def check(
-        self, calls: Sequence[SkillCall], request: PlanRequest, names: Mapping[str, str]
-    ) -> tuple[tuple[SkillCall, ...], str]:
-        """Return a program as it may be carried out, and why it may not be, or ""."""
-
-    def program(self, request: PlanRequest, names: Mapping[str, str]) -> tuple[SkillCall, ...]:
-        """Return a program of the checker's own, where no answer will do; () for none."""

@@ -6,10 +6,12 @@ from hypothesis import strategies as st
 from support.experiences import begun
 from support.household import kitchen, on
 
-from karma.agent.goal_mode.language import parse_goals
+from karma.agent.goal_mode.language import GRAMMAR, parse_goals
 from karma.agent.goal_mode.names import types_named
+from karma.agent.goal_mode.prompt import EXAMPLES
 from karma.errors import KarmaError, ProgramError
 from karma.goals.goals import GoalTracker, parse_goal
+from karma.models.constraint import admits
 from karma.models.scripted import ScriptedModel
 from karma.types.events import Outcome
 from karma.types.tasks import SubTask
@@ -49,6 +51,17 @@ def test_answers_are_read_and_written_alike(text):
 def test_line_outside_the_language_is_refused_with_the_right_form(text, reason):
     with pytest.raises(ProgramError, match=reason.replace("(", r"\(").replace(")", r"\)")):
         parse_goals(text)
+
+
+def test_examples_of_the_prompt_are_of_the_language():
+    for _, _, answer in EXAMPLES:
+        assert admits(GRAMMAR.grammar, answer)
+        parse_goals(answer)
+
+
+@pytest.mark.parametrize("text", ["move(Apple)", "put(Apple)", "The apple.", "clean(Mug in)"])
+def test_grammar_holds_models_to_the_language(text):
+    assert not admits(GRAMMAR.grammar, text)
 
 
 @given(st.text(max_size=300) | st.lists(st.sampled_from(["put(", "all ", "Mug", ")", ", ", "\n"])))

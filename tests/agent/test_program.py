@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from karma.agent.planning.program import MAX_LINES, MAX_NAME, SKILLS, parse_program, parse_refusal
+from karma.agent.planning.program import MAX_LINES, MAX_NAME, SKILLS, parse_program
 from karma.errors import ProgramError
-from karma.types.planning import REFUSAL_KINDS, RefusedRequest, SkillCall
+from karma.types.planning import SkillCall
 
 NAMES = st.text("ABCabc019|+-._ ", min_size=1, max_size=MAX_NAME).map(str.strip).filter(bool)
 METRES = st.floats(-1000, 1000, allow_nan=False)
@@ -203,22 +203,6 @@ def test_refusal_names_line_code_and_nearest_skill():
 
 
 # ----------------------------------------------------------------- refusals
-
-
-@pytest.mark.parametrize("kind", REFUSAL_KINDS)
-@pytest.mark.parametrize("form", ["{}", "{}\n", "```\n{}\n```", "  {}  # no", "# sorry\n{}"])
-def test_refusal_of_each_kind_is_read_back(kind, form):
-    refused = RefusedRequest(kind=kind)
-    assert parse_refusal(form.format(refused)) == refused
-
-
-@pytest.mark.parametrize("text", [
-    "", "refuse", "refuse()", "refuse('mood')", "refuse(deed)", "refuse('deed', 'thing')",
-    "refuse('deed')\nrefuse('deed')", "refuse('deed')\nGoToObject(robot, 'Mug')", "Refuse('deed')",
-    "refuse(kind='deed')", "GoToObject(robot, 'Mug')", "x" * 30_000, "refuse('deed'", "\0",
-])  # fmt: skip
-def test_text_that_is_no_refusal_is_read_as_none(text):
-    assert parse_refusal(text) is None
 
 
 def test_refusal_beside_calls_is_no_program():

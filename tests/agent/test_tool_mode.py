@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.experiences import begun
 
-from karma.agent.tools.table import MAX_LINES, BadCall, in_tools, parse_answer
+from karma.agent.tools.table import MAX_LINES, BadCall, in_tools, parse_answer, tools_grammar
+from karma.models.constraint import admits
 from karma.models.scripted import ScriptedModel
 from karma.types.events import Outcome, SkillResult
 from karma.types.planning import End
@@ -56,6 +57,21 @@ def test_line_that_is_no_call_of_a_tool_says_what_would_be(text, reason):
 def test_any_text_is_read(text):
     answer = parse_answer("".join(text))
     assert len(answer.calls) <= MAX_LINES + 1
+
+
+@pytest.mark.parametrize(
+    ("text", "is_legal"),
+    [
+        ("pick(Mug_2)", True),
+        ('look(Fridge)\nput(Mug_2, Cabinet)\ndone("Ok, it\'s in.")', True),
+        ("survey()\n", True),
+        ("pick(Mug_3)", False),
+        ("I look first.", False),
+        ("pick(Mug_2, Sink)", False),
+    ],
+)
+def test_grammar_admits_calls_with_names_in_scope(text, is_legal):
+    assert admits(tools_grammar(["Mug_2"]).grammar, text) is is_legal
 
 
 def test_skill_calls_in_refusals_are_said_as_tool_calls():

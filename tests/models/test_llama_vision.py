@@ -166,7 +166,7 @@ def test_added_pair_is_described_verified_and_opened_by_name(pairs, manifest, mo
     folder = shutil.copytree(pairs["smolvlm"], manifest.parent / "smolvlm")
     added = add_model(folder, AddOptions(licence="MIT"))
     entry = find_model("smolvlm")
-    assert added.entry == entry
+    assert added == entry
     assert (entry.role, entry.format, entry.chat) == ("vlm", "gguf", None)
     assert [Path(file.path).name for file in entry.files] == [
         "mmproj-smolvlm.gguf", "smolvlm.gguf",

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 
 from karma.errors import ProgramError
-from karma.types.planning import End, EndKind
+from karma.types.grammars import any_of, lines_grammar
+from karma.types.planning import End, EndKind, Grammar
 
 MAX_LINES = 12
 MAX_CHARACTERS = 1_000
@@ -90,22 +91,22 @@ _ENDS: Mapping[str, EndKind] = {"ask": "ask", "refuse": "refuse", "note": "tell"
 _OTHERS = ("if", "avoid", "tell", *_ENDS)
 _LINE = re.compile(r"^\W{0,4}([a-zA-Z]+)\((.*?)\)?\s*;?$")
 
-_ONE_ARGUMENT = " | ".join(f'"{verb}"' for verb, (count, _, _) in VERBS.items() if count == 1)
-_STATE_WORDS = " | ".join(f'"{word}"' for word in STATES)
-GRAMMAR = (
-    r"""
-start: line ("\n" line)* "\n"?
-line: wish | "if(" ["not "] what ")" | "avoid(" what ")" | "tell(" what ")" | end
-wish: TWO "(" what ", " what ")" | ONE "(" what ")"
-end: ("ask" | "refuse" | "note") "(\"" TEXT "\")"
-what: [COUNT " "] NAME modifier*
-modifier: " " ["not "] (STATE | "in " NAME)
-TWO: "put" | "near"
-COUNT: "all" | /[2-9]/
-NAME: /[A-Z][A-Za-z]{1,24}(_[0-9]{1,2})?/
-TEXT: /[^"\n]{1,120}/
-"""
-    f"ONE: {_ONE_ARGUMENT}\nSTATE: {_STATE_WORDS}\n"
+GRAMMAR = Grammar(
+    grammar=lines_grammar(
+        'wish | "if(" ("not ")? what ")" | "avoid(" what ")" | "tell(" what ")" | end',
+        {
+            "wish": 'TWO "(" what ", " what ")" | ONE "(" what ")"',
+            "end": '("ask" | "refuse" | "note") "(\\"" TEXT "\\")"',
+            "what": '(COUNT " ")? NAME (" " ("not ")? (STATE | "in " NAME)){0,3}',
+            "TWO": any_of([verb for verb, (count, _, _) in VERBS.items() if count == 2]),
+            "ONE": any_of([verb for verb, (count, _, _) in VERBS.items() if count == 1]),
+            "STATE": any_of(list(STATES)),
+            "COUNT": '"all" | /[2-9]/',
+            "NAME": '/[A-Z]/ /[A-Za-z]/{1,24} ("_" /[0-9]/{1,2})?',
+            "TEXT": '/[^"\\n]/{1,120}',
+        },
+        max_lines=MAX_LINES,
+    )
 )
 """The language for constrained decoding; a name is anything that people call an object."""
 

@@ -7,7 +7,7 @@ that are to be avoided, checks conditions first, and knows which skills bring a 
 from collections.abc import Generator
 from dataclasses import dataclass, replace
 
-from karma.agent.goal_mode.language import GoalAnswer, parse_goals
+from karma.agent.goal_mode.language import GRAMMAR, GoalAnswer, parse_goals
 from karma.agent.goal_mode.names import Similar
 from karma.agent.goal_mode.objects import ObjectFinder
 from karma.agent.goal_mode.prompt import SYSTEM, example_turns, user_message
@@ -62,6 +62,7 @@ class GoalLoop:
         for number in range(MAX_ANSWERS):
             completion = self.planner.model.complete(
                 prompt,
+                spec=None if decoding.constraint == "free" else GRAMMAR,
                 max_tokens=min(MAX_TOKENS, decoding.max_tokens),
                 max_seconds=decoding.answer_seconds,
                 temperature=decoding.temperature if number == 0 else decoding.retry_temperature,

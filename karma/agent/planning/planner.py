@@ -17,7 +17,7 @@ from karma.household.ids import short_type, type_of
 from karma.household.places import OVERLOOKED, STAND_CLOSED, landmark_types
 from karma.household.types import object_types
 from karma.types.completion import Completion, Decoding, Listener
-from karma.types.events import Plan
+from karma.types.events import Plan, Review
 from karma.types.planning import (
     REFUSAL_KINDS,
     FailedProgram,
@@ -72,21 +72,21 @@ class Planner:
             if _is_unsure(answer) and not request.failures:
                 yield answer
                 answer = self._ask(request, attempt, refusing=False)
-            if answer.refused and request.advice.checker and not is_last:
-                answer, refusing = _asked_again(answer, request)
             lasting = ""
             if self.decoding.inspected and answer.calls:
                 answer, lasting = inspected(answer, request)
+            review = Review(answer=answer)
+            if (checker := request.advice.checker) is not None:
+                review = checker.review(answer, request, attempt=attempt, is_last=is_last)
+            answer, refusing = review.answer, refusing and review.may_refuse
             if answer.calls or answer.error:
                 reasons.add(lasting)
-            answer, wrong = _checked(answer, request)
-            own = _own_program(answer, request) if wrong and (attempt or is_last) else None
-            if own is not None:
+            if review.own is not None:
                 yield answer
-                yield own
+                yield review.own
                 return
             if is_last:
-                answer = self._settled(answer, wrong, reasons if attempt else set())
+                answer = self._settled(answer, review.wrong, reasons if attempt else set())
             yield answer
             if answer.failure is None:
                 return
@@ -163,7 +163,7 @@ class Planner:
 
 def inspected(answer: Plan, request: PlanRequest) -> tuple[Plan, str]:
     """Return an answer repaired, or objected to; and why it could never work, or ""."""
-    held = _held_name(answer, request)
+    held = held_name(answer, request)
     name_of = {object_id: name for name, object_id in answer.names.items()}
     shut = {name_of[u.object_id] for u in request.units if type_of(u.place_id) in STAND_CLOSED}
     seen = {kind for area in request.areas for kind in area.contains}
@@ -178,44 +178,18 @@ def inspected(answer: Plan, request: PlanRequest) -> tuple[Plan, str]:
     swapped = substitution(calls, request)
     if swapped is not None:
         line, reason = swapped
-        return replace(_objected(answer, line, reason, f"{calls[line]}: {reason}"), calls=()), ""
+        return replace(objected(answer, line, reason, f"{calls[line]}: {reason}"), calls=()), ""
     found = objection(calls, held=held, known=known)
     if found is None:
         return answer, ""
     reason = "; ".join(filter(None, [found.reason, found.help]))
     lasting = found.reason if found.lasting else ""
-    return _objected(answer, found.line, reason, str(found)), lasting
+    return objected(answer, found.line, reason, str(found)), lasting
 
 
-def _held_name(answer: Plan, request: PlanRequest) -> str | None:
+def held_name(answer: Plan, request: PlanRequest) -> str | None:
     """Return the prompt's name of the held object."""
     return next((name for name, id_ in answer.names.items() if id_ == request.held_id), None)
-
-
-def _checked(answer: Plan, request: PlanRequest) -> tuple[Plan, str]:
-    """Return an answer after the checker, without its program if it objects, and the reason."""
-    checker = request.advice.checker
-    if checker is None or not answer.calls:
-        return answer, ""
-    calls, wrong = checker.check(answer.calls, request, answer.names)
-    answer = replace(answer, calls=calls)
-    if wrong:
-        answer = replace(_objected(answer, max(len(calls) - 1, 0), wrong), calls=())
-    return answer, wrong
-
-
-def _own_program(answer: Plan, request: PlanRequest) -> Plan | None:
-    """Return the checker's own program, where no answer of the model would do.
-
-    It passes what an answer has to pass, and stands as an answer of no tokens.
-    """
-    checker = request.advice.checker
-    calls = checker.program(request, answer.names) if checker is not None else ()
-    said = by_no_model("".join(f"{call}\n" for call in calls))
-    own = replace(answer, completion=said, calls=calls, error="", failure=None)
-    own, _ = inspected(own, request) if calls else (own, "")
-    own, _ = _checked(own, request) if own.failure is None else (own, "")
-    return own if own.calls and own.failure is None else None
 
 
 def _is_unsure(answer: Plan) -> bool:
@@ -223,21 +197,6 @@ def _is_unsure(answer: Plan) -> bool:
     certainty = answer.completion.certainty
     chance = certainty.refusing if certainty is not None else None
     return answer.refused is not None and chance is not None and chance < MIN_REFUSAL_CHANCE
-
-
-def _asked_again(answer: Plan, request: PlanRequest) -> tuple[Plan, bool]:
-    """Return a refusal as it stands or objected to, and whether the next answer may refuse.
-
-    The next prompt has the instruction in plain words. If the checker contradicts the refusal, the
-    next answer may not refuse.
-    """
-    advice, refused = request.advice, answer.refused
-    wrongly = bool(advice.checker and refused and advice.checker.contradicts(refused))
-    if not wrongly and advice.plain in ("", request.instruction):
-        return answer, True  # there are no plainer words
-    reason = "the request was read: it is said again in plain words"
-    failure = FailedProgram(lines=(answer.completion.text.strip(),), failed=0, reason=reason)
-    return replace(answer, refused=None, error=reason, failure=failure), not wrongly
 
 
 def by_no_model(text: str = "") -> Completion:
@@ -281,7 +240,7 @@ def _refused(answer: Plan, kind: RefusalKind, by: Literal["guard", "inspector"],
     return replace(answer, calls=(), error="", failure=None, refused=refused)
 
 
-def _objected(answer: Plan, line: int, reason: str, error: str = "") -> Plan:
+def objected(answer: Plan, line: int, reason: str, error: str = "") -> Plan:
     """Return a plan with the objection to a line of its program."""
     failure = FailedProgram(lines=tuple(map(str, answer.calls)), failed=line, reason=reason)
     return replace(answer, error=error or reason, failure=failure)

@@ -15,7 +15,7 @@ from typing import Literal
 
 from karma.errors import ProgramError
 from karma.household.skill_effects import SKILL_EFFECTS
-from karma.types.planning import REFUSAL_KINDS, RefusedRequest, Skill, SkillCall
+from karma.types.planning import REFUSAL_KINDS, Skill, SkillCall
 from karma.types.space import Vec3
 
 MAX_LINES = 200
@@ -166,26 +166,6 @@ def parse_program(text: str, skills: Sequence[Skill] = SKILLS) -> tuple[SkillCal
         except _RefusedError as refusal:
             raise _error(refusal.reason, refusal.line or statement.lineno, lines) from None
     return tuple(calls)
-
-
-def parse_refusal(text: str) -> RefusedRequest | None:
-    """Read a planner's text as a refusal of the request; None where it holds anything else.
-
-    >>> str(parse_refusal("refuse('thing')"))
-    "refuse('thing')"
-    """
-    if len(text) > MAX_CHARACTERS:
-        return None
-    lines = _without_fence(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"))
-    try:
-        statements = _syntax(textwrap.dedent("\n".join(lines)), lines)
-    except ProgramError:
-        return None
-    match statements:
-        case [ast.Expr(ast.Call(ast.Name("refuse"), [ast.Constant(str(said))], []))]:
-            kind = next((one for one in REFUSAL_KINDS if one == said), None)
-            return RefusedRequest(kind=kind) if kind else None
-    return None
 
 
 class _RefusedError(Exception):

@@ -12,11 +12,11 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
-from karma.agent.planning.program import SKILLS, parse_program, parse_refusal
+from karma.agent.planning.program import SKILLS, parse_program
 from karma.errors import ProgramError
 from karma.models.completeness import going_round, in_plain_signs, own_text, repeated
 from karma.types.completion import Completion
-from karma.types.planning import FailedProgram, RefusedRequest, Skill, SkillCall
+from karma.types.planning import REFUSAL_KINDS, FailedProgram, RefusedRequest, Skill, SkillCall
 
 _LABEL = r"(?:[Ss]tep|STEP|[Aa]ction|[Cc]all|[Ll]ine)"
 _MARKS = (
@@ -27,7 +27,7 @@ _CALL = r"""[A-Za-z_]\w*\(\s*robots?\b(?:[^()'"]|'[^'\n]*'|"[^"\n]*"|\([^()\n]*\
 _TAIL = r"(?:</\w+>|[^\w(</])*(?:\s*(?:#|//|/\*|<!--|-|=>|–|—|→|←|:|\||\().*)?"
 _LINE = re.compile(rf"\s*(?:{_MARKS}\s*)*(?P<call>{_CALL}){_TAIL}\s*")
 _ANY_CALL = re.compile(r"\w+\s*\(\s*robots?\b|\brobots?\s*\.\s*\w+\(")
-_REFUSAL = re.compile(r"""\s*[`*]*(refuse\(\s*(?:'\w+'|"\w+")\s*\))[`*.]*\s*""")
+_REFUSAL = re.compile(r"""\s*[`*]*refuse\(\s*(['"])(?P<kind>\w+)\1\s*\)[`*.]*\s*""")
 _BLOCK = re.compile(r"\s*(?:async |for|while|if|elif|else|def|class|with|try|except|match)\b.*:\s*")
 _ANEW = re.compile(
     r"\b(?:correct(?:ed|ion|ing)?|revised?|fixed|final|updated|improved|better)\b", re.I
@@ -58,7 +58,7 @@ def program_of(
     if completion.fault:
         lines = text.rstrip().split("\n")
         raise ProgramError(completion.fault, line=len(lines), code=lines[-1].strip()[:120])
-    if refusing and (refusal := _refusal(text)):
+    if refusing and (refusal := refusal_in(text)):
         return refusal
     try:
         found = Recovered(calls=parse_program(text, skills))
@@ -144,17 +144,20 @@ def _without_draft(lines: Sequence[str], kept: Sequence[str]) -> list[str]:
     return program
 
 
-def _refusal(text: str) -> Recovered | None:
-    """Return the refusal that stands alone, or alone on a line of an answer without any call."""
+def refusal_in(text: str) -> Recovered | None:
+    r"""Return the refusal that stands alone, or alone on a line of an answer without any call.
+
+    >>> str(refusal_in("I am sorry.\nrefuse('thing')").refused)
+    "refuse('thing')"
+    """
     lines = text.splitlines()
-    said = [match[1] for line in lines if (match := _REFUSAL.fullmatch(line))]
-    if len(said) != 1 or any(map(_LINE.fullmatch, lines)):
-        return None
-    refused = parse_refusal(said[0])
-    if refused is None:
+    found = [match["kind"] for line in lines if (match := _REFUSAL.fullmatch(line))]
+    kind = next((kind for kind in REFUSAL_KINDS if [kind] == found), None)
+    if kind is None or any(map(_LINE.fullmatch, lines)):
         return None
     rest = (line.strip() for line in lines if not _REFUSAL.fullmatch(line))
-    return Recovered(refused=refused, dropped=tuple(one for one in rest if one.strip("`")))
+    dropped = tuple(line for line in rest if line.strip("`"))
+    return Recovered(refused=RefusedRequest(kind=kind), dropped=dropped)
 
 
 def _is_code(text: str) -> bool:

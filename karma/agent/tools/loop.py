@@ -17,7 +17,14 @@ from karma.agent.seeing.perceive import place_of
 from karma.agent.session import LOOK_OVER, NO_ADVICE
 from karma.agent.tools.prompt import first_message, system_text
 from karma.agent.tools.sights import Shown, map_text, with_names
-from karma.agent.tools.table import BadCall, ToolAnswer, ToolCall, in_tools, parse_answer
+from karma.agent.tools.table import (
+    BadCall,
+    ToolAnswer,
+    ToolCall,
+    in_tools,
+    parse_answer,
+    tools_grammar,
+)
 from karma.errors import RequestRefused
 from karma.household.ids import short_type, type_of
 from karma.household.types import object_types
@@ -127,6 +134,7 @@ class _Conversation:
         planner, decoding = self._planner, self._planner.decoding
         completion = planner.model.complete(
             prompt,
+            spec=None if decoding.constraint == "free" else tools_grammar(self._names),
             max_tokens=decoding.max_tokens,
             max_seconds=decoding.answer_seconds,
             temperature=decoding.temperature,

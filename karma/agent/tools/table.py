@@ -6,12 +6,14 @@ against the table.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
 from karma.agent.session import LOOK_OVER, SURVEY
-from karma.types.planning import End, EndKind
+from karma.household.types import object_types
+from karma.types.grammars import any_of, lines_grammar
+from karma.types.planning import End, EndKind, Grammar
 
 MAX_ANSWER_CHARACTERS = 8_000
 MAX_LINES = 60
@@ -95,6 +97,27 @@ END_DOCS: Mapping[EndKind, str] = {
     "refuse": "why it cannot be done",
 }
 TOOL_OF_SKILL: Mapping[str, str] = {tool.skill: tool.name for tool in TOOLS.values()}
+
+MAX_TEXT = 300  # characters of an end, under a grammar
+
+
+def tools_grammar(names: Iterable[str]) -> Grammar:
+    """Return the language of answers about objects of some names; a text stands in an end only."""
+    one, two, none = (
+        [tool.name for tool in TOOLS.values() if len(tool.arguments) == count]
+        for count in (1, 2, 0)
+    )
+    line = 'ONE "(" NAME ")" | TWO "(" NAME ", " NAME ")" | NONE "()" | END "(\\"" TEXT "\\")"'
+    rules = {
+        "ONE": any_of(one),
+        "TWO": any_of(two),
+        "NONE": any_of(none),
+        "END": any_of(list(ENDS)),
+        "NAME": any_of(sorted(set(names) | object_types().keys())),
+        "TEXT": f'/[^"\\n]/{{1,{MAX_TEXT}}}',
+    }
+    return Grammar(grammar=lines_grammar(line, rules, max_lines=MAX_LINES))
+
 
 _CALL = re.compile(r"^\W{0,4}(?:\d+[.)]\s*)?([A-Za-z_]\w*)\s*\((.*)\)\s*;?\s*(?:#.*)?$")
 _END = re.compile(r"^\W{0,4}(?:\d+[.)]\s*)?(done|tell|ask|refuse)\s*\(", re.IGNORECASE)

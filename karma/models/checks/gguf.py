@@ -21,6 +21,7 @@ _STRING, _ARRAY = 8, 9
 _MAX_DIMENSIONS = 4
 _HEADS, _WITHOUT_HEADS = "attention.head_count", ("mamba", "rwkv", "arwkv")
 LANGUAGE = ("context_length", "embedding_length", "block_count", _HEADS)
+TEMPLATE = "tokenizer.chat_template"  # key of the metadata
 _MAGIC = b"GGUF"
 _OTHERS = {  # first bytes of common mistakes -> what the file is, what to do
     b"version https://git-lfs": ("a pointer of Git LFS, not the file", "git lfs pull"),

@@ -10,7 +10,7 @@ from datetime import datetime
 from typing import Any, NamedTuple
 
 from karma.errors import ModelError
-from karma.models.checks.template import TEMPLATE, try_template
+from karma.models.checks.gguf import TEMPLATE
 from karma.models.llama.answer import StreamingAnswer
 from karma.models.llama.gguf_model import GgufModel
 from karma.models.llama.opening import LlamaOptions
@@ -56,8 +56,6 @@ class ChatTemplate:
                 f"{model.name}: its chat template knows no tag that ends a thought ({known}); only"
                 ' a model that was taught to think can\n  To fix: thinking = "off"'
             )
-        if reason := try_template(model.name, text):
-            raise ModelError(f"{model.name}: {reason}{_FIX}")
 
         class Formatter(Jinja2ChatFormatter):  # type: ignore[misc]
             @staticmethod
@@ -68,11 +66,15 @@ class ChatTemplate:
         bos, eos = model.llama.token_bos(), model.llama.token_eos()
         self._name, self._thinking = model.name, thinking
         self._form = _FORMS[0]  # that it took last
-        self._renderer: Any = Formatter(
-            template=text,
-            bos_token=word(bos) if bos >= 0 else "",
-            eos_token=word(eos) if eos >= 0 else "",
-        )
+        try:
+            self._renderer: Any = Formatter(
+                template=text,
+                bos_token=word(bos) if bos >= 0 else "",
+                eos_token=word(eos) if eos >= 0 else "",
+            )
+        except Exception as error:
+            reason = f"its chat template cannot be used: {str(error)[:200]}"
+            raise ModelError(f"{model.name}: {reason}{_FIX}") from error
 
     def halves(self, prompt: Prompt) -> tuple[str, str]:
         """Return the rendered text before the changing part, and from there on.

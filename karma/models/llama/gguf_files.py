@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from karma.errors import FileError, ModelError
 from karma.files import read_bytes, write_atomic
-from karma.models.checks.template import TEMPLATE
+from karma.models.checks.gguf import TEMPLATE
 from karma.models.manifest import ModelEntry, check_file, file_paths, find_model, verify
 
 # The expression llama.cpp uses for tokenizer.ggml.pre = "llama-bpe"; letter case is spelled out

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from karma.errors import ModelError, RequestRefused
-from karma.models.checks.template import TEMPLATE
+from karma.models.checks.gguf import TEMPLATE
 from karma.models.completeness import cut_off, cycle, going_round
 from karma.models.constraint import Constraint, Logits, best_token
 from karma.models.llama.answer import CertaintyLog, StreamingAnswer, gumbel

@@ -15,9 +15,8 @@ import numpy as np
 
 from karma.errors import ModelError
 from karma.files import rebuild_llama, repair
-from karma.models.checks.gguf import check_projector
+from karma.models.checks.gguf import TEMPLATE, check_projector
 from karma.models.checks.memory import projector_mb
-from karma.models.checks.template import TEMPLATE
 from karma.models.llama.gguf_model import GgufModel
 from karma.models.llama.opening import LlamaOptions, try_in_own_process
 from karma.models.manifest import PicturePair, resolve_pair

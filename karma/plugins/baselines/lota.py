@@ -25,7 +25,7 @@ from karma.bench.methods.expert import NoOptions
 from karma.errors import ModelError, ProgramError
 from karma.household.pieces import base_type
 from karma.household.types import in_words, object_types
-from karma.household.uses import BASIN_OF, has_a_switch
+from karma.household.uses import BASIN_OF, BURNER
 from karma.memory.scene_graph import SceneGraph
 from karma.plugins.baselines.baseline import PlannerRow, RoomByRoom, request_for
 from karma.types.completion import END, Choice, Completion
@@ -333,7 +333,7 @@ def steps_in_lines() -> Mapping[str, SkillCall | None]:
 def _possible(call: SkillCall) -> bool:
     name = call.objects[0]
     if call.skill in ("SwitchOn", "SwitchOff", "ToggleOn", "ToggleOff"):
-        return has_a_switch(name)
+        return name == BURNER or object_types()[name].can("toggleable")
     return not objection([call], held=None)
 
 

@@ -5,13 +5,21 @@ from dataclasses import dataclass, replace
 
 from karma.agent.planning.goal_lines import program_for
 from karma.agent.planning.inspector import objection
-from karma.agent.planning.planner import grounded, known_here
+from karma.agent.planning.planner import (
+    by_no_model,
+    grounded,
+    held_name,
+    inspected,
+    known_here,
+    objected,
+)
 from karma.plugins.rules.language.clauses import plainly, said
 from karma.plugins.rules.request_checker import Guard
 from karma.plugins.rules.request_goals import asked_lines
 from karma.plugins.rules.trimming import trimmed
 from karma.plugins.rules.types import Request
-from karma.types.planning import Advice, PlanRequest, RefusedRequest, SkillCall
+from karma.types.events import Plan, Review
+from karma.types.planning import Advice, FailedProgram, PlanRequest, RefusedRequest, SkillCall
 
 _LOOSE_AFTER = 2  # failed answers after which a mug will do for a cup
 
@@ -34,7 +42,52 @@ class RequestAnswerChecker:
 
     asked: Request
 
-    def contradicts(self, refused: RefusedRequest) -> bool:
+    def review(self, answer: Plan, request: PlanRequest, *, attempt: int, is_last: bool) -> Review:
+        """Return an answer as it may be carried out, or the objection to it."""
+        if answer.refused is not None:
+            return Review(answer=answer) if is_last else self._second_try(answer, request)
+        answer, wrong = self._checked(answer, request)
+        own = self._own_program(answer, request) if wrong and (attempt or is_last) else None
+        return Review(answer=answer, wrong=wrong, own=own)
+
+    def _second_try(self, answer: Plan, request: PlanRequest) -> Review:
+        """Return a refusal as it stands, or objected to.
+
+        The next prompt has the instruction in plain words. If the words contradict the refusal, the
+        next answer may not refuse.
+        """
+        wrongly = answer.refused is not None and self._contradicts(answer.refused)
+        if not wrongly and request.advice.plain in ("", request.instruction):
+            return Review(answer=answer)  # there are no plainer words
+        reason = "the request was read: it is said again in plain words"
+        failure = FailedProgram(lines=(answer.completion.text.strip(),), failed=0, reason=reason)
+        answer = replace(answer, refused=None, error=reason, failure=failure)
+        return Review(answer=answer, may_refuse=not wrongly)
+
+    def _checked(self, answer: Plan, request: PlanRequest) -> tuple[Plan, str]:
+        """Return an answer without its program if there is an objection, and the objection."""
+        if not answer.calls:
+            return answer, ""
+        calls, wrong = self._check(answer.calls, request, answer)
+        answer = replace(answer, calls=calls)
+        if wrong:
+            answer = replace(objected(answer, max(len(calls) - 1, 0), wrong), calls=())
+        return answer, wrong
+
+    def _own_program(self, answer: Plan, request: PlanRequest) -> Plan | None:
+        """Return the rule-based planner's program, where no answer of the model would do.
+
+        It passes what an answer has to pass, and stands as an answer of no tokens.
+        """
+        lines = asked_lines(self.asked, known_here(request))
+        calls = program_for(lines, request.units, answer.names) if lines else ()
+        said = by_no_model("".join(f"{call}\n" for call in calls))
+        own = replace(answer, completion=said, calls=calls, error="", failure=None)
+        own, _ = inspected(own, request) if calls else (own, "")
+        own, _ = self._checked(own, request) if own.failure is None else (own, "")
+        return own if own.calls and own.failure is None else None
+
+    def _contradicts(self, refused: RefusedRequest) -> bool:
         """Return whether the words contradict a refusal."""
         asked = self.asked
         match refused.kind:
@@ -47,31 +100,26 @@ class RequestAnswerChecker:
             case kind:
                 return kind == "language"
 
-    def check(
-        self, calls: Sequence[SkillCall], request: PlanRequest, names: Mapping[str, str]
+    def _check(
+        self, calls: Sequence[SkillCall], request: PlanRequest, answer: Plan
     ) -> tuple[tuple[SkillCall, ...], str]:
         """Return a program or its requested part, and the objection if no part is requested."""
         guard, exact = Guard(self.asked, known_here(request)), len(request.failures) < _LOOSE_AFTER
 
         def reason(some: Sequence[SkillCall]) -> str:
-            meant, begun = grounded(some, names), bool(request.done)
+            meant, begun = grounded(some, answer.names), bool(request.done)
             return guard.stopped(meant, request.held_id, exact=exact, begun=begun)
 
         calls = guard.kept_open(guard.put_near(calls))
         wrong = reason(calls)
         if not wrong:
             return calls, ""
-        held = next((name for name, id_ in names.items() if id_ == request.held_id), None)
+        held = held_name(answer, request)
         # of what is only the rest of a request, any part would do
         part = () if request.done else trimmed(
             calls, lambda some: reason(some) or str(objection(some, held=held) or "")
         )  # fmt: skip
         return (part, "") if part else (calls, wrong)
-
-    def program(self, request: PlanRequest, names: Mapping[str, str]) -> tuple[SkillCall, ...]:
-        """Return the rule-based planner's program for the words, or ()."""
-        lines = asked_lines(self.asked, known_here(request))
-        return program_for(lines, request.units, names) if lines else ()
 
 
 def fields_of(asked: Request) -> list[str]:

@@ -16,7 +16,8 @@ from support.needs import need_models
 from support.plans import ILLEGAL, LEGAL, PLANS, plan
 from support.random_programs import random_program
 
-from karma.agent.planning.program import SKILLS, parse_program, parse_refusal
+from karma.agent.planning.program import SKILLS, parse_program
+from karma.agent.planning.recovery import refusal_in
 from karma.errors import ProgramError
 from karma.household.types import object_types
 from karma.models.constraint import admits
@@ -107,8 +108,8 @@ def ended(text):
 
 def as_json(text):
     """The JSON of a text's calls; None where it is no program in the form that we write."""
-    refused = parse_refusal(text)
-    if refused is not None:
+    if (found := refusal_in(text)) is not None:
+        refused = found.refused
         exact = text in (f"{refused}", f"{refused}\n")
         return json.dumps({"program": {"refuse": refused.kind}}) if exact else None
     text = ended(text)

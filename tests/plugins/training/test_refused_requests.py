@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from karma.agent.planning.program import parse_program, parse_refusal
+from karma.agent.planning.program import parse_program
+from karma.agent.planning.recovery import refusal_in
 from karma.plugins.rules.language.lexemes import types_called
 from karma.plugins.training import refusals
 from karma.plugins.training.drawing.memories import generated_rooms
@@ -36,7 +37,7 @@ def drawn(rooms):
 
 def test_refused_request_has_one_line_of_its_kind_for_a_program(drawn):
     for example in drawn:
-        assert example.kind == f"refuse_{parse_refusal(example.program).kind}"
+        assert example.kind == f"refuse_{refusal_in(example.program).refused.kind}"
         assert example.changing.startswith(f"#task {example.sentence}\n")
     kinds = Counter(example.kind.removeprefix("refuse_") for example in drawn)
     assert set(kinds) == set(REFUSAL_KINDS)

@@ -18,7 +18,7 @@ from typing import Any, Literal
 import msgspec
 
 from karma.files import read_json
-from karma.household.ids import names_part, root_type, type_of
+from karma.household.ids import root_id, root_type, type_of
 from karma.household.pieces import is_piece
 from karma.household.types import in_words
 from karma.household.uses import BURNER
@@ -230,7 +230,7 @@ def nearest(
         object_id = one["objectId"]
         if root_type(object_id) != word or object_id == other_than or (able and not one[able]):
             continue
-        if parts_only and not names_part(object_id):
+        if parts_only and root_id(object_id) == object_id:
             continue
         cost = float(one["distance"])
         cost += _SHUT_IN if not shut.isdisjoint(one["parentReceptacles"] or ()) else 0.0

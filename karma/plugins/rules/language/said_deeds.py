@@ -4,8 +4,7 @@ import re
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from karma.household.containment import hangs_on
-from karma.household.types import types_with
+from karma.household.types import object_types, types_with
 from karma.household.uses import BIN, FAUCET, LAMPS, TAPS
 from karma.plugins.rules.language.antecedents import sharing, with_antecedents
 from karma.plugins.rules.language.asides import Asides
@@ -586,7 +585,8 @@ def _hung(pair: Pair, *, hangs: bool) -> Pair:
     told = pair.place is not None and pair.place.text.split()[-1] in HOLDERS
     if not (told or (hangs and pair.place is None)) or not pair.things:
         return pair
-    kinds = tuple(dict.fromkeys(on for kind in pair.things[0].types for on in hangs_on(kind)))
+    places = (on for kind in pair.things[0].types for on in object_types()[kind].goes_in or ())
+    kinds = tuple(dict.fromkeys(on for on in places if on.endswith(("Holder", "Hanger"))))
     if not kinds or (pair.place is not None and pair.place.types):
         return pair
     place = pair.place or Mention(text="holder", start=-1, end=-1)
