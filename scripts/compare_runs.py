@@ -32,7 +32,8 @@ def outcomes(folder: Path, rows: dict[str, str]) -> dict[Key, list[Any] | None]:
 def _outcome(record: dict[str, Any]) -> Iterator[Any]:
     yield bool(record["error"])
     for sub in record["subtasks"]:
-        yield sub["finished"], sub["unmet"], sub["hits"], sub["queries"], sub["recalled"]
+        yield sub["finished"], sub["unmet"], sub["hits"], sub["queries"]
+        yield [a["recalled"] for a in sub["answers"]]
         yield [(c["text"], c["ok"], c["reason"], c["actions"], c["explorations"])
                for c in sub["calls"]]  # fmt: skip
         yield [(a["program"], a["prompt_tokens"], a["completion_tokens"], a["error"])

@@ -104,7 +104,7 @@ class ModelsCommand(Computed):
 def _models_table(found: Sequence["ModelSeen"]) -> Table:
     table = Table("model", box=HORIZONTALS, title="models on this machine", title_justify="left")
     table.add_column("runs on", min_width=14)
-    for name in ("MB predicted\n/ measured", "a second", "context"):
+    for name in ("MB", "a second", "context"):
         table.add_column(name, justify="right", no_wrap=True)
     for one in found:
         speeds = [
@@ -116,7 +116,7 @@ def _models_table(found: Sequence["ModelSeen"]) -> Table:
         table.add_row(
             f"[bold]{escape(one.name)}[/]\n{one.role}",
             "[red]does not open[/]" if one.error else f"[bold]{escape(one.device)}[/]\n{one.how}",
-            f"{figure_text(one.predicted_mb, 0)} / {figure_text(one.measured_mb, 0)}",
+            figure_text(one.memory_mb, 0),
             "\n".join(speeds) or UNKNOWN,
             UNKNOWN if one.context is None else f"{one.context}{more}",
         )

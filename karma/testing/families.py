@@ -138,7 +138,8 @@ def language_keys(architecture: str, size: Size) -> Iterator[tuple[str, Any]]:
         keys |= {"attention.head_count_kv": heads, "shortconv.l_cache": _CONVOLUTION - 1}
     if architecture == "mamba":
         keys |= {
-            "feed_forward_length": 0, "ssm.conv_kernel": _CONVOLUTION, "ssm.state_size": _STATE,
+            "feed_forward_length": 0, "attention.head_count": 0,
+            "ssm.conv_kernel": _CONVOLUTION, "ssm.state_size": _STATE,
             "ssm.inner_size": 2 * size.width, "ssm.time_step_rank": _RANK,
         }  # fmt: skip
     yield from ((f"{architecture}.{key}", value) for key, value in keys.items())

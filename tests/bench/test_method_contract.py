@@ -170,10 +170,6 @@ def test_unknown_option_is_refused_by_name(name):
         build(name, {"colour": "red"})
 
 
-def test_method_has_a_name_for_the_table(name):
-    assert build(name).name
-
-
 # ----------------------------------------------------------------- never the world's truth
 
 

@@ -187,7 +187,7 @@ def test_table_command_writes_its_files(run, tmp_path, monkeypatch):
     unfinished = f"not finished, the figures are of the {len(run.records)} episodes that are done"
     assert unfinished in " ".join(said.split())
     assert sorted(path.name for path in out.iterdir()) == [
-        ".karma-made", "table.csv", "table.md", "x.json",
+        "table.csv", "table.md", "x.json",
     ]  # fmt: skip
     result = result_of(run, PUBLISHED)
     assert (out / "table.md").read_text().startswith(to_markdown(sheets(result)))

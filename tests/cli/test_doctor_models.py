@@ -18,6 +18,7 @@ tasks = "tasks.jsonl"
 planner = "{planner}"
 vision = "{vision}"
 threads = 2
+profile = "full"
 [[rows]]
 name = "karma"
 """
@@ -66,7 +67,7 @@ def test_experiment_s_models_are_looked_at_and_options_go_before_its_own(tmp_pat
 def test_planner_that_no_prompt_can_be_put_to_is_told(tmp_path):
     planner = make_planner(tmp_path / "tiny.gguf")
     text, found = doctor("--planner", planner, "--n-ctx", 512, code=1)
-    assert "no request can be asked in the full profile" in found["planner"]["error"]
+    assert "no request can be asked in the goals profile" in found["planner"]["error"]
     assert "--n-ctx" in text
 
 
@@ -75,15 +76,6 @@ def test_model_that_does_not_open_is_told_and_the_others_are_looked_at(tmp_path)
     assert "does not open" in text
     assert "none.gguf" in found["planner"]["error"]
     assert found["embedder"]["speeds"]
-
-
-def test_card_that_llama_cpp_was_not_built_for_is_told_with_the_command(tmp_path, monkeypatch):
-    (tmp_path / "card").touch()
-    build = ("an NVIDIA card", "-DGGML_CUDA=on")
-    monkeypatch.setattr(model_doctor, "CARDS", {str(tmp_path / "card"): build})
-    words = 'built without it: make setup CMAKE_ARGS="-DGGML_CUDA=on"'
-    assert words in doctor()[0]
-    assert words not in doctor("--gpu-layers", 0)[0]
 
 
 def test_pair_of_gguf_files_tells_its_device_too(tmp_path):

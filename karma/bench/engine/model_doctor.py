@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -17,22 +16,14 @@ import numpy as np
 from karma import registry
 from karma.bench.engine.workers import listed_mb
 from karma.errors import KarmaError, ModelError
-from karma.files import rebuild_llama
 from karma.loading.models import OPENAI, Models, check_asked, filled, language_model
 from karma.loading.names import opened_as
 from karma.models.checks.gguf import check_gguf
 from karma.models.checks.memory import gguf_parts_mb
 from karma.models.llama.gguf_model import GgufModel
-from karma.models.llama.opening import devices, free_mb
 from karma.models.manifest import ModelEntry, resolve_planner
 from karma.models.session import Session
 from karma.types.observation import SeenObject
-
-CARDS = {  # what a driver puts on this machine -> (whose, what llama.cpp is built with for it)
-    "/dev/nvidia0": ("an NVIDIA card", "-DGGML_CUDA=on"),
-    "/dev/kfd": ("an AMD card", "-DGGML_HIP=on"),
-}
-STATUS = Path("/proc/self/status")
 
 _PROMPT, _ANSWER = 512, 24  # tokens that a planner's speed is measured with
 _FULL = 2821  # tokens of the largest prompt of the full profile, and of an answer
@@ -48,8 +39,7 @@ class ModelSeen:
     name: str
     device: str = ""  # as llama.cpp or torch calls it
     how: str = ""  # layers, kernels, numbers
-    predicted_mb: float | None = None
-    measured_mb: float | None = None  # more than before, in this process or on the GPU
+    memory_mb: float | None = None  # predicted
     speeds: Mapping[str, float] | None = None  # unit -> how many of it in a second
     context: int | None = None  # tokens that it has now
     limit: int | None = None  # that it may grow to
@@ -111,9 +101,7 @@ def _safely(
 
 
 def _planner(models: Models) -> ModelSeen:
-    file, before = resolve_planner(models.planner), resident_mb()
-    cards = tuple(one.name for one in devices() if one.is_gpu)
-    free_before = free_mb(cards)
+    file = resolve_planner(models.planner)
     model: Any = language_model(models, Session(), 0)[0]
     profile = models.profile or file.prompt_profile
     try:
@@ -125,10 +113,9 @@ def _planner(models: Models) -> ModelSeen:
             Path(file.path), metadata, context=gguf.n_ctx, batch=gguf.n_batch,
         )  # fmt: skip
         on_gpu = engine.gpu_layers > 0
-        measured = _fallen(free_before, free_mb(cards)) if on_gpu else resident_mb() - before
         layers = f"{engine.gpu_layers} of {gguf.size.blocks + 1} layers, " if on_gpu else ""
         flash = "on" if engine.flash_attention else "off"
-        advice = [*_about_gpu(gguf)]
+        advice = []
         if profile == "full" and gguf.limit < _FULL:
             advice.append(
                 f"its context of {gguf.limit} does not hold the longest prompts of the full "
@@ -140,7 +127,7 @@ def _planner(models: Models) -> ModelSeen:
             how=f"{layers}{engine.kv} KV, flash attention {flash}, "
             f"{engine.threads} thread{'s' * (engine.threads > 1)}"
             + (f", {model.manner}" if model.manner else ""),
-            predicted_mb=predicted, measured_mb=measured, speeds=speeds,
+            memory_mb=predicted, speeds=speeds,
             context=gguf.n_ctx, limit=gguf.limit, advice=tuple(advice),
         )  # fmt: skip
     finally:
@@ -165,14 +152,6 @@ def _speeds(gguf: GgufModel) -> dict[str, float]:
     return {"prefill tokens/s": prompt / read_s, "decode tokens/s": answer / said_s}
 
 
-def _about_gpu(gguf: GgufModel) -> Iterator[str]:
-    if gguf.options.gpu_layers != "auto" or any(one.is_gpu for one in devices()):
-        return
-    for place, (whose, build) in CARDS.items():
-        if Path(place).exists():
-            yield f"{whose} is here, but llama.cpp was built without it: {rebuild_llama(build)}"
-
-
 # ----------------------------------------------------------------- torch models
 
 
@@ -180,19 +159,14 @@ def _torch(
     role: str, plural: str, ask: Callable[[Any], dict[str, float]], models: Models
 ) -> ModelSeen | None:
     name = getattr(models, role)
-    made = registry.load(plural, name.partition(":")[0])
-    if not hasattr(made, "computed_on"):
+    if not hasattr(registry.load(plural, name.partition(":")[0]), "computed_on"):
         return None
-    for library in getattr(made, "libraries", ()):  # what libraries take is not the model's
-        import_module(library)
-    before = resident_mb()
     model = filled(plural, name, None, Session(), models)
     speeds = ask(model)
     device, _, numbers = model.computed_on.partition(", ")
     return ModelSeen(
         role=role, name=model.name, device=device, how=numbers, speeds=speeds,
-        predicted_mb=listed_mb(name.partition(":")[2] or model.name),
-        measured_mb=resident_mb() - before if device.lower() == "cpu" else None,
+        memory_mb=listed_mb(name.partition(":")[2] or model.name),
     )  # fmt: skip
 
 
@@ -219,21 +193,6 @@ _ROLES: Sequence[tuple[str, str, Callable[[Any], dict[str, float]]]] = (
 
 
 # ----------------------------------------------------------------- measuring
-
-
-def resident_mb() -> float:
-    """Return the memory that this process holds, in MB; 0 where the system does not tell."""
-    try:
-        lines: Sequence[str] = STATUS.read_text().splitlines()
-        return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS:")) * 1.024e-3
-    except (OSError, StopIteration):
-        return 0.0
-
-
-def _fallen(before: float | None, after: float | None) -> float | None:
-    """Return how much less is free than before; a device whose count stands still tells nothing."""
-    fallen = 0.0 if before is None or after is None else before - after
-    return fallen if fallen > 0 else None
 
 
 def _timed(call: Callable[[], Any]) -> tuple[Any, float]:

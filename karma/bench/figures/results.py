@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -187,8 +187,13 @@ def set_apart(sides: Sequence[Side]) -> list[str]:
 
 def _headers_apart(first: RunData, run: RunData) -> list[str]:
     headers = [one.header for one in (first, run)]
-    machines = ({k: str(v) for k, v in asdict(h.machine).items()} for h in headers if h.machine)
-    return [*headers[0].inputs_apart(headers[1]), *changed("machine", *machines)]
+    before, after = (asdict(one.machine) if one.machine else {} for one in headers)
+    machines = changed("machine", _texts(before), _texts(after))
+    return [*headers[0].inputs_apart(headers[1]), *machines]
+
+
+def _texts(values: Mapping[str, object]) -> dict[str, str]:
+    return {name: str(value) for name, value in values.items()}
 
 
 def _options_apart(first: Side, side: Side) -> list[str]:
@@ -196,7 +201,7 @@ def _options_apart(first: Side, side: Side) -> list[str]:
     if not first.row and not side.row:
         return options_apart(old, new)
     mine, other = (  # where none is named the only one is meant
-        row or next((str(one.get("name")) for one in options["rows"]), "")
+        row or next((str(one.get("name")) for one in options.get("rows", ())), "")
         for options, row in ((old, first.row), (new, side.row))
     )
     return shared_apart(old, new) + rows_apart(old, mine, new, other)

@@ -19,7 +19,8 @@ _SCALARS = {
 }  # fmt: skip
 _STRING, _ARRAY = 8, 9
 _MAX_DIMENSIONS = 4
-LANGUAGE = ("context_length", "embedding_length", "block_count", "attention.head_count")
+_HEADS, _WITHOUT_HEADS = "attention.head_count", ("mamba", "rwkv", "arwkv")
+LANGUAGE = ("context_length", "embedding_length", "block_count", _HEADS)
 TEMPLATE = "tokenizer.chat_template"  # key of the metadata
 _MAGIC = b"GGUF"
 _OTHERS = {  # first bytes of common mistakes -> what the file is, what to do
@@ -227,6 +228,8 @@ def _check_metadata(metadata: Mapping[str, Any], sizes: Sequence[str]) -> None:
         raise _TornError("general.architecture is missing")
     for key in sizes:
         value = metadata.get(f"{architecture}.{key}")
+        if key == _HEADS and architecture.startswith(_WITHOUT_HEADS):
+            continue  # converters write 0, or nothing
         if not isinstance(value, int) or value < 1:
             raise _TornError(f"{architecture}.{key} is {value!r}")
 

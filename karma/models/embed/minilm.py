@@ -43,7 +43,6 @@ class MiniLm:
     name = "minilm"
     dimension = 384
     computed_on = "cpu, float32"  # whatever device torch models have
-    libraries = ("scipy.special",)
 
     def __init__(self, folder: str | Path | None = None) -> None:
         place = _package_folder() if folder is None else Path(folder)

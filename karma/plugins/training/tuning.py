@@ -17,7 +17,8 @@ import numpy as np
 
 from karma.errors import FileError, ModelError
 from karma.files import LARGEST_LOG, read_bytes, to_json, unpack, write_atomic
-from karma.models.llama.gguf_files import gguf_reader, read_gguf_tokenizer
+from karma.models.llama.gguf_files import gguf_reader
+from karma.plugins.training.gguf_tokenizer import read_gguf_tokenizer
 
 _MATRICES = ("q_proj", "k_proj", "v_proj", "o_proj", "gate_proj", "up_proj", "down_proj")
 _IGNORED = -100  # a label that the loss leaves out

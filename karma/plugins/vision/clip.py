@@ -47,7 +47,6 @@ class ClipEmbedder:
 
     computed_on = ""  # device and numbers, as torch calls them
     default = DEFAULT
-    libraries = ("transformers",)
 
     def __init__(self, model: str | Path = DEFAULT, *, device: str = "auto") -> None:
         folder = checked_folder(model, "image-embedder", FAMILIES, needs=NEEDS)

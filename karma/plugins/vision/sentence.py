@@ -44,7 +44,6 @@ class SentenceEmbedder:
 
     computed_on = ""  # device and numbers, as torch calls them
     default = DEFAULT
-    libraries = ("sentence_transformers",)
 
     def __init__(self, model: str | Path = DEFAULT, *, device: str = "auto") -> None:
         place = resolve_folder(model, "text-embedder")

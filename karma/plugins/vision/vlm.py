@@ -82,7 +82,6 @@ class TransformersVision:
     needs_pictures = True
     computed_on = ""  # device and numbers, as torch calls them
     default = NANO
-    libraries = ("transformers",)
 
     def __init__(
         self,

@@ -13,9 +13,10 @@ from support.tiny import export_tiny
 from karma.errors import FileError, ModelError
 from karma.goals.files import load_texts
 from karma.household.types import object_types
-from karma.models.llama.gguf_files import merge_adapter, read_gguf_tokenizer
+from karma.models.llama.gguf_files import merge_adapter
 from karma.models.llama.gguf_model import GgufModel
 from karma.models.llama.opening import LlamaOptions
+from karma.plugins.training.gguf_tokenizer import read_gguf_tokenizer
 from karma.plugins.training.tuning import (
     ADAPTER,
     ADAPTER_CONFIG,
