@@ -8,7 +8,7 @@ How data flows; each arrow is a frozen dataclass of `karma.types`, save the worl
     know   memory -Area-> method, memory -Area-> skills, memory -Known-> skills
     show   perceive -SeenObject-> method, perceive -SeenObject-> memory
     tell   perceive -SeenObject-> planner
-    ask    planner -ProgramSpec-> models, perceive -SeenObject-> models
+    ask    perceive -SeenObject-> models
 
 Skills act on the world by naming AI2-THOR's actions. `perceive` is the one reader of its events;
 `planner` is prompt, answer, parser and inspector. `world`, `memory` and `models` do not know each
