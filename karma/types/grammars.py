@@ -8,10 +8,7 @@ characters alone are in capitals. `start` is the whole answer.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from karma.types.planning import ProgramSpec
+from typing import Protocol
 
 CLOSINGS = ("\n", "```", "#")  # on the line below a call: the program has ended above it
 _MAX_POSITIONS = 100  # entries of a list, as the parser admits
@@ -84,7 +81,47 @@ class LineForm:
     needed: int  # how many arguments no line leaves out
 
 
-def forms(spec: "ProgramSpec") -> tuple[LineForm, ...]:
+class SkillForm(Protocol):
+    """A skill, by the arguments that its calls take."""
+
+    @property
+    def name(self) -> str:
+        """The function's name."""
+
+    @property
+    def arguments(self) -> Sequence[str]:
+        """The kinds of its arguments: "object" or "positions"."""
+
+    @property
+    def optional(self) -> int:
+        """How many of the last arguments may be left out."""
+
+
+class ProgramForms(Protocol):
+    """What a program may name; `karma.types.planning.ProgramSpec` is it."""
+
+    @property
+    def skills(self) -> Sequence[SkillForm]:
+        """The skills that may be called."""
+
+    @property
+    def objects(self) -> Sequence[str]:
+        """The names of objects."""
+
+    @property
+    def positions(self) -> Sequence[str]:
+        """The names of area nodes."""
+
+    @property
+    def narrowed(self) -> Sequence[tuple[str, Sequence[Sequence[str]]]]:
+        """Skills with the names that their first arguments may have."""
+
+    @property
+    def max_calls(self) -> int:
+        """The most lines."""
+
+
+def forms(spec: ProgramForms) -> tuple[LineForm, ...]:
     """Return the forms of lines that a spec admits, those of equal arguments together.
 
     Raises:
@@ -118,7 +155,7 @@ def forms(spec: "ProgramSpec") -> tuple[LineForm, ...]:
     )
 
 
-def program_grammar(spec: "ProgramSpec", refusals: Sequence[str]) -> str:
+def program_grammar(spec: ProgramForms, refusals: Sequence[str]) -> str:
     """Return the grammar of programs, or of one of the lines that refuse.
 
     Raises:
