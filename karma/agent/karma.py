@@ -64,7 +64,9 @@ class KarmaMethod:
         perception = perception_of(self.settings.perception, self.vision)
         memory = AgentMemory(
             self.settings, self.recall, self.vision,
-            maps=self.maps, learn=self.learn, perception=perception, seed=seed, pictures=folder,
+            maps=self.maps, learn=self.learn,
+            notes_movable=self.planner.profile in (GOALS, TOOLS),
+            perception=perception, seed=seed, pictures=folder,
         )  # fmt: skip
         agent = KarmaAgent(world, self.planner, memory, perception, self.attempts)
         if self.planner.profile == TOOLS:

@@ -1,16 +1,21 @@
 """The first visit to a home: walk about, look around everywhere, and build the map."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
+
+import msgspec
 
 from karma.agent.body.skills import Skills
 from karma.agent.knowledge import RoomKnowledge
 from karma.agent.planning.prompt import position_text
 from karma.agent.seeing.eyes import Eyes
-from karma.agent.seeing.perceive import cells_of, fixed_of, pose_of
+from karma.agent.seeing.perceive import cells_of, digest_of, fixed_of, pose_of
+from karma.files import read_json, to_json, write_atomic
 from karma.memory.scene_graph import SceneGraph
 from karma.types.memory import Area, Tour
+from karma.types.observation import SeenObject
 from karma.types.planning import SkillCall
 from karma.types.roles import World
 from karma.types.space import SceneRef, Vec3
@@ -44,6 +49,40 @@ def explore_room(
     graph.tour = Tour(scene=scene.name, places=len(lookouts), actions=skills.actions)
     world.reset(scene.source)
     return graph, True
+
+
+class _Sights(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    start: str  # digest of the room when they were seen
+    seen: tuple[SeenObject, ...]
+
+
+def movable_objects(
+    world: World, scene: SceneRef, graph: SceneGraph, saved: Path | None, eyes: Eyes | None = None
+) -> tuple[SeenObject, ...]:
+    """Return the movable objects that are in view from the areas of a map, nothing being opened.
+
+    They are kept in a file beside the map, `saved`, as long as the room starts as it did. The
+    world is back at the scene's start afterwards. FileError where the file is damaged.
+    """
+    start = digest_of(world.last_event)
+    path = saved.with_suffix(".seen.json") if saved is not None else None
+    if path is not None and path.exists():
+        kept = read_json(path, _Sights, fix="delete it; the room is looked at again")
+        if kept.start == start:
+            return kept.seen
+    skills = Skills(world, RoomKnowledge(world, graph), eyes=eyes)
+    for area in tour(graph.areas(), position_of(world)):
+        skills.run(SkillCall.of("GoToObject", area.name))
+        skills.look_around()
+    seen = tuple(
+        replace(sight, region=None, silhouette=())
+        for sight in skills.experience.seen.values()
+        if sight.pickupable
+    )
+    world.reset(scene.source)
+    if path is not None:
+        write_atomic(path, to_json(_Sights(start=start, seen=seen)))
+    return seen
 
 
 def contents_of(world: World) -> str:

@@ -123,6 +123,21 @@ def test_request_is_carried_out_and_the_report_is_what_was_observed(talk):
     assert outcome(events).end == End(kind="done", text="The apple is in the fridge.")
 
 
+def test_water_that_was_run_by_its_sink_is_no_contradiction(talk):
+    wash = 'pick(Apple)\nput(Apple, SinkBasin)\non(SinkBasin)\noff(SinkBasin)\ndone("Washed.")'
+    (events,), _, world = talk([wash], "wash the apple")
+    assert outcome(events).finished
+    assert [check.found for check in outcome(events).checks] == ["seen", "done"]
+    assert not state_of(world, "Faucet")["isToggled"]
+
+
+def test_movable_objects_of_the_tour_stand_in_the_first_prompt(talk):
+    _, model, _ = talk(['refuse("No.")'], "no")
+    assert "DiningTable: " in model.prompts[0].changing
+    assert "Apple" in model.prompts[0].changing
+    assert "Egg" not in model.prompts[0].changing  # in the fridge, which nobody opened
+
+
 def test_users_words_stand_in_the_prompt_as_they_were_said(talk):
     words = "Would you kindly put the apple -- yes, that one -- in the fridge?!"
     _, model, _ = talk(['ask("Which apple?")'], words)

@@ -19,7 +19,15 @@ from karma.household.places import FLOOR, HAND
 from karma.household.saying import name_of, preposition, told_place
 from karma.household.skill_effects import BeliefState, changes
 from karma.household.states import END_STATES, SAID_AS
-from karma.household.uses import BURNER, MICROWAVE, STOVE, TAPS, covers
+from karma.household.uses import (
+    BURNER,
+    MICROWAVE,
+    STOVE,
+    SWITCHED_BY_A_PART,
+    TAP_OF,
+    TAPS,
+    covers,
+)
 from karma.types.events import Check, Found, SkillResult
 from karma.types.memory import Experience
 from karma.types.observation import SeenObject
@@ -129,7 +137,7 @@ def _ends_of(calls: Sequence[SkillCall], results: Sequence[SkillResult]) -> list
 def _is_a_means(end: _End, groups: Collection[Group]) -> bool:
     """Return whether a switch or door was only used for an effect that is reported already."""
     kind = type_of(end.name)
-    if end.word in ("on", "off") and (kind in TAPS or kind == MICROWAVE):
+    if end.word in ("on", "off") and (kind in (*TAPS, *TAP_OF, MICROWAVE)):
         return end.word == "off" and "changed" in groups
     return end.word == "closed" and ("moved" in groups or "changed" in groups)
 
@@ -161,7 +169,7 @@ def _judged(end: _End, experience: Experience) -> tuple[Found, str]:
     if word == HAND:
         is_held = held is not None and goes_by(name, held.object_id, held.object_type)
         return "seen" if is_held else "unseen", ""
-    if end.group != "moved" and type_of(name) in (BURNER, STOVE):
+    if end.group != "moved" and type_of(name) in (*SWITCHED_BY_A_PART, STOVE):
         return "done" if end.happened else "unseen", ""
 
     def is_met(sight: SeenObject) -> bool:
