@@ -1,0 +1,206 @@
+"""A model that plays tool mode by an expert: it knows the goals of a request, and reads the prompt.
+
+Where objects are it reads in the prompt, as a language model does. Its answers are the expert's
+programs as tool calls, and an end.
+"""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import islice
+from typing import Any
+
+from karma.agent.planning.expert import ExpertView, NamedThing, solve
+from karma.agent.tools.table import TOOL_OF_SKILL
+from karma.household.ids import short_type
+from karma.household.places import landmark_types
+from karma.household.saying import name_of, plural_of, preposition
+from karma.household.states import END_STATES, SAID_AS, deed_for
+from karma.household.types import object_types
+from karma.types.completion import Completion
+from karma.types.planning import EndKind, Prompt
+from karma.types.tasks import Goal
+
+MAX_ANSWERS = 12
+_NAME = re.compile(r"(\w+)(?: \(([^)]*)\))?(?: to (\w+))?$")
+_AT = re.compile(r"(\w+)(?: \(([^)]*)\))? at (\w+)$")
+_SKILL_TOOLS = {**TOOL_OF_SKILL, "SwitchOn": "on", "SwitchOff": "off"}
+
+Things = Mapping[str, NamedThing]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lesson:
+    """A request, and what solves it: goals, or calls and an end."""
+
+    kind: str
+    text: str
+    goals: tuple[Goal, ...] = ()
+    search: str = ""  # the call that shows what the end is about
+    is_shown: Callable[[Things], bool] | None = None  # what the prompt tells says enough to end
+    end: EndKind = "done"
+    reply: str = ""  # text of the end
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TaughtAnswer:
+    """An answer of the teacher; a slip is shown and not to be learned."""
+
+    prompt: Prompt
+    text: str
+    is_slip: bool
+
+
+@dataclass(slots=True)
+class ToolTeacher:
+    """A `LanguageModel` that answers by the lesson of the request that the prompt ends in.
+
+    `slip` makes a mistake out of the lines of the first answer to a request.
+    """
+
+    lessons: Mapping[str, Lesson]
+    slip: Callable[[list[str]], list[str]] = lambda lines: lines
+    answers: list[TaughtAnswer] = field(default_factory=list)
+    name: str = "tool-teacher"
+
+    def complete(self, prompt: Prompt, **_: Any) -> Completion:
+        """Answer with all calls for what the prompt tells, and an end."""
+        first = prompt.turns[0][0] if prompt.turns else prompt.changing
+        lesson = self.lessons[first.rpartition("Request: ")[2].strip()]
+        lines = _answer(lesson, prompt)
+        shown = lines if prompt.turns else self.slip(lines)
+        text = "\n".join(shown)
+        self.answers.append(TaughtAnswer(prompt=prompt, text=text, is_slip=shown != lines))
+        return Completion(
+            text=text, finish="stop", prompt_tokens=len(prompt.text) // 4, reused_tokens=0,
+            completion_tokens=len(text) // 4, first_token_s=0.0, total_s=0.0,
+        )  # fmt: skip
+
+
+def _answer(lesson: Lesson, prompt: Prompt) -> list[str]:
+    things, held = things_told([user for user, _ in prompt.turns] + [prompt.changing])
+    end = f'{lesson.end}("{lesson.reply or report(lesson.goals)}")'
+    if lesson.goals:
+        goals, kind = _apart(lesson.goals, things)
+        if kind and len(prompt.turns) < MAX_ANSWERS:
+            return [f"find({kind})"]
+        calls = _program(goals, prompt, things, held)
+        return [*(calls if len(prompt.turns) < MAX_ANSWERS else []), end]
+    is_known = lesson.is_shown is not None and lesson.is_shown(things)
+    return [lesson.search] if lesson.search and not is_known and not prompt.turns else [end]
+
+
+def _program(goals: Sequence[Goal], prompt: Prompt, things: Things, held: str) -> list[str]:
+    said = [*(user for user, _ in prompt.turns), prompt.changing]
+    refused = set[tuple[str, str]]()
+    for line in (line for text in said for line in text.splitlines()):
+        if found := re.match(r"put\((\w+), (\w+)\) -> FAILED", line):
+            refused |= {(found[1], found[2]), (found[1], short_type(found[2]))}
+    view = ExpertView(
+        things=tuple(things.values()),
+        landmarks=frozenset(landmark_types()),
+        held=things.get(held, _thing(held, None, None)) if held != "nothing" else None,
+        refused=frozenset(refused),
+    )
+    is_open = {f"open({name})" for name, thing in things.items() if "opened" in thing.states}
+    calls = [call for call in solve(goals, view) if call.skill in _SKILL_TOOLS]
+    lines = [f"{_SKILL_TOOLS[call.skill]}({', '.join(call.objects)})" for call in calls]
+    acts = [line for line in lines if not line.startswith("go(")]  # the other tools walk, too
+    return [line for line in acts or lines if line not in is_open]
+
+
+def _apart(goals: Sequence[Goal], things: Things) -> tuple[list[Goal], str]:
+    """Return goals of one object each, and the type of which the prompt tells too few objects."""
+    found: list[Goal] = []
+    for goal in goals:
+        kind, place = goal.arguments[0], goal.arguments[-1]
+        alike = [thing for thing in things.values() if thing.object_type == kind]
+        away = [thing.name for thing in alike if thing.place_type != place]
+        missing = goal.count - (len(alike) - len(away))
+        if goal.count == 1:
+            found.append(goal)
+        elif missing > len(away):
+            return [], kind
+        else:
+            single = (replace(goal, arguments=(name, place), count=1) for name in away)
+            found += islice(single, max(missing, 0))
+    return found, ""
+
+
+def report(goals: Sequence[Goal]) -> str:
+    """Return goals as a sentence.
+
+    >>> from karma.goals.goals import parse_goal
+    >>> report([parse_goal("STATE(Mug, cleaned)"), parse_goal("ON(Mug, Shelf)")])
+    'The mug is clean, the mug is on the shelf.'
+    """
+    text = ", ".join(map(_fact, goals))
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def _fact(goal: Goal) -> str:
+    first, last = goal.arguments[0], goal.arguments[-1]
+    if goal.predicate == "HOLDON":
+        return f"I hold the {name_of(last)}"
+    state = END_STATES.get(goal.predicate) or deed_for(last) or last
+    if goal.predicate in ("ON", "INSIDE"):
+        state = f"{preposition(last)} the {name_of(last)}"
+    if goal.count > 1:
+        return f"{goal.count} {plural_of(name_of(first))} are {SAID_AS.get(state, state)}"
+    return f"the {name_of(first)} is {SAID_AS.get(state, state)}"
+
+
+# ----------------------------------------------------------------- what a prompt tells
+
+
+def things_told(messages: Sequence[str]) -> tuple[dict[str, NamedThing], str]:
+    """Return the objects of which messages tell, the last used first, and the held one's name."""
+    remembered: dict[str, NamedThing] = {}
+    seen: dict[str, NamedThing] = {}
+    held = ""
+    for line in (line for message in messages for line in message.splitlines()):
+        if line.startswith("In the hand: "):
+            held = line.removeprefix("In the hand: ")
+        if line.startswith("Remembered"):
+            for part in reversed(line.partition(": ")[2].split("; ")):
+                if found := _AT.match(part.removeprefix("*")):
+                    remembered[found[1]] = _thing(found[1], found[2], found[3])
+        for part in filter(None, line.partition("Seen: ")[2].split("; ")):
+            place, colon, names = part.partition(": ")
+            for name, states in (
+                pair for run in re.split(r", (?![^(]*\))", names or place) for pair in _names(run)
+            ):
+                if place == "no longer there":
+                    seen.pop(name, None)
+                    remembered.pop(name, None)
+                else:
+                    seen[name] = _thing(name, states, place if colon else None)
+        if (picked := re.match(r"pick\((\w+)\) -> ok", line)) is not None:
+            held = picked[1]
+        if re.match(r"(put|near|throw)\(.*\) -> ok", line):
+            held = "nothing"
+    first = {name: seen.get(name, thing) for name, thing in remembered.items()}
+    return {**first, **seen}, held
+
+
+def _names(text: str) -> list[tuple[str, str]]:
+    """Return name and states of a run: "Cup_2 to Cup_4", "Mug (dirty)"."""
+    found = _NAME.match(text)
+    if found is None:
+        return []
+    if found[3]:
+        base, _, first = found[1].rpartition("_")
+        last = int(found[3].rpartition("_")[2])
+        return [(f"{base}_{number}", "") for number in range(int(first), last + 1)]
+    return [(found[1], found[2] or "")]
+
+
+def _thing(name: str, states: str | None, place: str | None) -> NamedThing:
+    known = place is not None and short_type(place) in object_types()
+    return NamedThing(
+        name=name,
+        object_type=short_type(name),
+        states=tuple(states.split(", ")) if states else (),
+        place=place if known else None,
+        place_type=short_type(place) if place is not None and known else None,
+    )
