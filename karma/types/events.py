@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 from karma.types.completion import Completion
 from karma.types.memory import MemoryChange, MemoryUnit, Recalled, Tour
-from karma.types.planning import End, FailedProgram, PlanRequest, Prompt, RefusedRequest, SkillCall
+from karma.types.planning import End, FailedProgram, Prompt, RefusedRequest, SkillCall
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,13 +47,6 @@ class Review:
     wrong: str = ""  # why its program is not carried out
     own: Plan | None = None  # the checker's program in its place
     may_refuse: bool = True  # False: the next answer has to be a program
-
-
-class AnswerChecker(Protocol):
-    """Checks a planner's answers before they are carried out, by what a plug-in knows."""
-
-    def review(self, answer: Plan, request: PlanRequest, *, attempt: int, is_last: bool) -> Review:
-        """Return an answer as it may be carried out, or the objection to it."""
 
 
 Found = Literal["seen", "done", "otherwise", "unseen"]  # done: by the agent's deed, out of sight

@@ -2,15 +2,12 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, get_args, runtime_checkable
+from typing import Any, Literal, Protocol, Self, get_args, runtime_checkable
 
 from karma.types.grammars import program_grammar
 from karma.types.memory import Area, MemoryUnit, Recalled
 from karma.types.observation import SeenObject
 from karma.types.space import Frame, Vec3
-
-if TYPE_CHECKING:
-    from karma.types.events import AnswerChecker
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -228,3 +225,10 @@ class SkillCall:
             words = (f"'{p}'" if isinstance(p, str) else repr(p) for p in self.positions)
             parts.append(f"[{', '.join(words)}]")
         return f"{self.skill}({', '.join(parts)})"
+
+
+class AnswerChecker(Protocol):
+    """Checks a planner's answers before they are carried out, by what a plug-in knows."""
+
+    def review(self, answer: Any, request: PlanRequest, *, attempt: int, is_last: bool) -> Any:
+        """Return the `Review` of a `Plan` of `karma.types.events`, which imports this module."""
