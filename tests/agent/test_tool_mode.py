@@ -6,6 +6,8 @@ from hypothesis import strategies as st
 from support.experiences import begun
 
 from karma.agent.tools.table import MAX_LINES, BadCall, in_tools, parse_answer, tools_grammar
+from karma.errors import KarmaError
+from karma.loading.names import check_models
 from karma.models.constraint import admits
 from karma.models.scripted import ScriptedModel
 from karma.types.events import Outcome, SkillResult
@@ -78,6 +80,12 @@ def test_skill_calls_in_refusals_are_said_as_tool_calls():
     assert in_tools("the hand is empty; PickupObject(robot, 'Apple') first") == (
         "the hand is empty; pick(Apple) first"
     )
+
+
+def test_mode_is_known_by_name_where_models_are_named():
+    check_models({"profile": "tools"})
+    with pytest.raises(KarmaError, match="Did you mean 'tools'"):
+        check_models({"profile": "tool"})
 
 
 # ----------------------------------------------------------------- the loop
