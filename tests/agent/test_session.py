@@ -1,12 +1,14 @@
 """The session: all that a plug-in needs to carry out an instruction in its own way."""
 
+from dataclasses import replace
+
 from support.experiences import begun
 from support.household import kitchen
 
 from karma.agent.loop import planned
 from karma.agent.session import LOOK_OVER, SURVEY
 from karma.models.scripted import ScriptedModel
-from karma.types.events import Outcome, Plan, SkillResult
+from karma.types.events import Outcome, Plan, Review, SkillResult
 from karma.types.planning import Advice, SkillCall
 from karma.types.tasks import SubTask
 
@@ -74,14 +76,14 @@ def test_what_is_to_stay_shut_is_opened_by_no_program(tmp_path):
 class Vegetarian:
     """A checker that lets no program touch the egg and puts one of its own in its place."""
 
-    def contradicts(self, refused):
-        return True
-
-    def check(self, calls, request, names):
-        return tuple(calls), "no eggs" if any("Egg" in call.objects for call in calls) else ""
-
-    def program(self, request, names):
-        return (SkillCall.of("Explore", "Apple"), SkillCall.of("PickupObject", "Apple"))
+    def review(self, answer, request, *, attempt, is_last):
+        if not any("Egg" in call.objects for call in answer.calls):
+            return Review(answer=answer)
+        calls = (SkillCall.of("Explore", "Apple"), SkillCall.of("PickupObject", "Apple"))
+        own = replace(
+            answer, calls=calls, completion=replace(answer.completion, completion_tokens=0)
+        )
+        return Review(answer=replace(answer, calls=(), error="no eggs"), wrong="no eggs", own=own)
 
 
 def test_checker_holds_an_answer_back_and_may_plan_in_its_place(tmp_path):
