@@ -5,7 +5,7 @@ programs as tool calls, and an end.
 """
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any
@@ -13,8 +13,7 @@ from typing import Any
 from karma.agent.planning.expert import ExpertView, NamedThing, solve
 from karma.agent.tools.table import TOOL_OF_SKILL
 from karma.household.ids import short_type
-from karma.household.places import landmark_types
-from karma.household.saying import name_of, plural_of, preposition
+from karma.household.saying import name_of, plural_of, told_place
 from karma.household.states import END_STATES, SAID_AS, deed_for
 from karma.household.types import object_types
 from karma.types.completion import Completion
@@ -87,7 +86,8 @@ def _answer(lesson: Lesson, prompt: Prompt) -> list[str]:
         calls = _program(goals, prompt, things, held)
         return [*(calls if len(prompt.turns) < MAX_ANSWERS else []), end]
     is_known = lesson.is_shown is not None and lesson.is_shown(things)
-    return [lesson.search] if lesson.search and not is_known and not prompt.turns else [end]
+    is_searched = f"{lesson.search} -> " in prompt.text
+    return [end] if is_known or is_searched or not lesson.search else [lesson.search]
 
 
 def _program(goals: Sequence[Goal], prompt: Prompt, things: Things, held: str) -> list[str]:
@@ -98,7 +98,7 @@ def _program(goals: Sequence[Goal], prompt: Prompt, things: Things, held: str) -
             refused |= {(found[1], found[2]), (found[1], short_type(found[2]))}
     view = ExpertView(
         things=tuple(things.values()),
-        landmarks=frozenset(landmark_types()),
+        landmarks=_furniture(prompt),
         held=things.get(held, _thing(held, None, None)) if held != "nothing" else None,
         refused=frozenset(refused),
     )
@@ -107,6 +107,13 @@ def _program(goals: Sequence[Goal], prompt: Prompt, things: Things, held: str) -
     lines = [f"{_SKILL_TOOLS[call.skill]}({', '.join(call.objects)})" for call in calls]
     acts = [line for line in lines if not line.startswith("go(")]  # the other tools walk, too
     return [line for line in acts or lines if line not in is_open]
+
+
+def _furniture(prompt: Prompt) -> frozenset[str]:
+    """Return the types of furniture on the map of a prompt, and those that were found."""
+    rows = prompt.stable.partition("Furniture")[2].splitlines()[1:]
+    mapped = (short_type(name) for row in rows for name in re.findall(r"\w+", row))
+    return frozenset((*mapped, *re.findall(r"find\((\w+)\) -> ok", prompt.text)))
 
 
 def _apart(goals: Sequence[Goal], things: Things) -> tuple[list[Goal], str]:
@@ -143,11 +150,10 @@ def _fact(goal: Goal) -> str:
     if goal.predicate == "HOLDON":
         return f"I hold the {name_of(last)}"
     state = END_STATES.get(goal.predicate) or deed_for(last) or last
-    if goal.predicate in ("ON", "INSIDE"):
-        state = f"{preposition(last)} the {name_of(last)}"
+    word = told_place(last) if goal.predicate in ("ON", "INSIDE") else SAID_AS.get(state, state)
     if goal.count > 1:
-        return f"{goal.count} {plural_of(name_of(first))} are {SAID_AS.get(state, state)}"
-    return f"the {name_of(first)} is {SAID_AS.get(state, state)}"
+        return f"{goal.count} {plural_of(name_of(first))} are {word}"
+    return f"the {name_of(first)} is {word}"
 
 
 # ----------------------------------------------------------------- what a prompt tells
@@ -157,30 +163,32 @@ def things_told(messages: Sequence[str]) -> tuple[dict[str, NamedThing], str]:
     """Return the objects of which messages tell, the last used first, and the held one's name."""
     remembered: dict[str, NamedThing] = {}
     seen: dict[str, NamedThing] = {}
-    held = ""
+    held = "nothing"
     for line in (line for message in messages for line in message.splitlines()):
-        if line.startswith("In the hand: "):
-            held = line.removeprefix("In the hand: ")
-        if line.startswith("Remembered"):
-            for part in reversed(line.partition(": ")[2].split("; ")):
-                if found := _AT.match(part.removeprefix("*")):
-                    remembered[found[1]] = _thing(found[1], found[2], found[3])
-        for part in filter(None, line.partition("Seen: ")[2].split("; ")):
-            place, colon, names = part.partition(": ")
-            for name, states in (
-                pair for run in re.split(r", (?![^(]*\))", names or place) for pair in _names(run)
-            ):
-                if place == "no longer there":
-                    seen.pop(name, None)
-                    remembered.pop(name, None)
-                else:
-                    seen[name] = _thing(name, states, place if colon else None)
-        if (picked := re.match(r"pick\((\w+)\) -> ok", line)) is not None:
-            held = picked[1]
+        if found := re.match(r"In the hand: (\w+)|pick\((\w+)\) -> ok", line):
+            held = found[1] or found[2]
         if re.match(r"(put|near|throw)\(.*\) -> ok", line):
             held = "nothing"
+        if line.startswith("Remembered"):
+            units = reversed(line.partition(": ")[2].split("; "))
+            read = filter(None, (_AT.match(unit.removeprefix("*")) for unit in units))
+            remembered |= {unit[1]: _thing(unit[1], unit[2], unit[3]) for unit in read}
+        for thing, is_gone in _sights(line.partition("Seen: ")[2]):
+            seen[thing.name] = thing
+            if is_gone:
+                seen.pop(thing.name)
+                remembered.pop(thing.name, None)
     first = {name: seen.get(name, thing) for name, thing in remembered.items()}
     return {**first, **seen}, held
+
+
+def _sights(text: str) -> Iterator[tuple[NamedThing, bool]]:
+    """Yield the objects that a text of news names, and whether each is no longer there."""
+    for part in filter(None, text.split("; ")):
+        place, colon, names = part.rpartition(": ")
+        for run in re.split(r", (?![^(]*\))", names):
+            for name, states in _names(run):
+                yield _thing(name, states, place if colon else None), place == "no longer there"
 
 
 def _names(text: str) -> list[tuple[str, str]]:
