@@ -39,7 +39,8 @@ def models_tune(
     )
     found = tune_file(weights, examples, out, recipe, watched=watch, plain=plain)
     place = out / "tuned.gguf"
-    merge_adapter(weights, out / ADAPTER, out / ADAPTER_CONFIG, place, name=out.name)
+    files = (weights, out / ADAPTER, out / ADAPTER_CONFIG)
+    merge_adapter(*files, place, name=out.name, keeps_template=not plain)
     if found:
         exact, loss = figure_text(found["exact"], 3), figure_text(found["loss"], 4)
         tell(f"of what is watched {exact} right to the letter, loss {loss}")
