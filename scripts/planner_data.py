@@ -98,7 +98,7 @@ def examples(
 @app.command()
 def trajectories(
     folder: Annotated[Path, typer.Option(help="Takes chats.jsonl.gz and its parts.")] = TOOLS,
-    conversations: Annotated[int, typer.Option(help="Of some two chats.")] = 10_000,
+    conversations: Annotated[int, typer.Option(help="Of some two chats.")] = 20_000,
     seed: int = 41,
     workers: int = 2,
 ) -> None:

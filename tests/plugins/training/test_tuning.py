@@ -27,7 +27,7 @@ from karma.plugins.training.tuning import (
     tune,
     tune_file,
 )
-from karma.testing import make_planner
+from karma.testing import Size, make_planner
 from karma.types.planning import Prompt
 
 
@@ -45,10 +45,6 @@ LINES = [
          f"GoToObject(robot, '{name}')\nPickupObject(robot, '{name}')\n")
     for name in ("Apple", "ButterKnife", "CellPhone", "Mug_2", "Plate")
 ]  # fmt: skip
-TEMPLATE = (
-    "{% for m in messages %}[{{ m.role }}]\n{{ m.content.split('</think>')[-1] }}{{ eos_token }}\n"
-    "{% endfor %}{{ '[assistant]\n' }}"
-)
 TALK = chat("You are a robot.\nSink, Fridge\n", "Request: open the fridge", "open(Frige)",
             "open(Frige) -> FAILED", "open(Fridge)", "open(Fridge) -> ok", 'done("It is open.")',
             weights=(0, 1))  # fmt: skip
@@ -82,13 +78,14 @@ def test_what_is_no_chat_is_refused_with_its_line(tmp_path, line):
 
 
 @pytest.fixture(scope="module")
-def templated(tmp_path_factory):
-    """A file of random weights with a chat template."""
-    return export_tiny(tmp_path_factory.mktemp("chat") / "tiny.gguf", template=TEMPLATE)
+def qwen(tmp_path_factory):
+    """A file of random weights with the architecture and chat template of Qwen 2.5."""
+    size = Size(feed_forward=64)
+    return make_planner(tmp_path_factory.mktemp("chat") / "tiny.gguf", "qwen2.5", size=size)
 
 
-def test_tokens_before_each_answer_are_those_of_the_prompt_at_inference(tmp_path, templated):
-    model = opened(templated)
+def test_tokens_before_each_answer_are_those_of_the_prompt_at_inference(tmp_path, qwen):
+    model = opened(qwen)
     (encoded,) = encode(read_chats(examples_file(tmp_path, [TALK])), model)
     texts = [message["content"] for message in TALK["messages"]]
     stable, users, answers = texts[0], texts[1::2], texts[2::2]
@@ -103,10 +100,11 @@ def test_tokens_before_each_answer_are_those_of_the_prompt_at_inference(tmp_path
         assert encoded.tokens[start:stop] == end
 
 
-def test_chat_whose_template_rewrites_answers_is_an_example_for_each(tmp_path, templated):
+def test_chat_whose_template_rewrites_answers_is_an_example_for_each(tmp_path):
+    model = opened(make_planner(tmp_path / "thinking.gguf", "qwen3"))
     thinking = chat("You are a robot.", "open it", "<think>\nit\n</think>\nopen(Fridge)", "ok",
                     'done("Yes.")')  # fmt: skip
-    found = list(encode(read_chats(examples_file(tmp_path, [thinking])), opened(templated)))
+    found = list(encode(read_chats(examples_file(tmp_path, [thinking])), model))
     assert [len(one.answers) for one in found] == [1, 1]
 
 
@@ -178,18 +176,18 @@ def tuned(tmp_path_factory, base, weights):
     return folder
 
 
-def test_tuning_on_chats_stops_in_time_and_resumes(tmp_path, templated):
+def test_tuning_on_chats_stops_in_time_and_resumes(tmp_path, qwen):
     pytest.importorskip("peft")
     path = examples_file(tmp_path, [TALK] * 6)
     recipe = TuningRecipe(rank=2, alpha=4, steps=3, warmup=0, tokens=256, minutes=1e-6)
-    tune_file(templated, path, tmp_path / "out", recipe)
+    tune_file(qwen, path, tmp_path / "out", recipe)
     assert [one.name for one in (tmp_path / "out").glob("checkpoint-*")] == ["checkpoint-1"]
-    found = tune_file(templated, path, tmp_path / "out", replace(recipe, minutes=0), watched=path)
+    found = tune_file(qwen, path, tmp_path / "out", replace(recipe, minutes=0), watched=path)
     assert {"loss", "exact"} < found.keys()
     assert [one.name for one in (tmp_path / "out").glob("checkpoint-*")] == ["checkpoint-3"]
     made = tmp_path / "tuned.gguf"
     files = (tmp_path / "out" / ADAPTER, tmp_path / "out" / ADAPTER_CONFIG)
-    merge_adapter(templated, *files, made, name="tuned", keeps_template=True)
+    merge_adapter(qwen, *files, made, name="tuned", keeps_template=True)
     assert opened(made).manner == "through its own chat template"
 
 
