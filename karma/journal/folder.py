@@ -172,16 +172,18 @@ def sweep(folder: Path) -> None:
 def set_aside(folder: Path) -> Path:
     """Rename a folder to the first of NAME.1, NAME.2, ... that is free; return its new path.
 
-    A link to it stays. FileError where it cannot be renamed.
+    An empty folder takes its place, to which a link still leads. FileError where that cannot be.
     """
     real = Path(os.path.realpath(folder))
     places = (real.with_name(f"{real.name}.{number}") for number in count(1))
     place = next(one for one in places if not os.path.lexists(one))
     try:
-        return real.rename(place)
+        real.rename(place)
+        real.mkdir()
     except OSError as error:
         reason = f"cannot be renamed to {place}: {error.strerror}"
         raise FileError(folder, reason, fix=_FIX) from error
+    return place
 
 
 def _read_mark(folder: Path) -> _Mark | None:

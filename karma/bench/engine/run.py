@@ -21,10 +21,10 @@ class Run:
 
     The folder takes records, header and whatever else episodes leave; `fresh` sets aside the
     folder of an earlier run, whose path is then `earlier`. `changes`, `computed` (keys of its
-    [models] that say how they are computed), `base_url` (of all hosted models) and `steps` (whether to keep step logs) stand
-    in place of what the experiment says; the last is of no use to a benchmark. The cassette records
-    hosted models or stands for them, and is the run's clock. A `suite` is what is done where it is
-    of neither form; then `path` is only named in messages.
+    [models] that say how they are computed), `base_url` (of all hosted models) and `steps` (whether
+    to keep step logs) stand in place of what the experiment says; the last is of no use to a
+    benchmark. The cassette records hosted models or stands for them, and is the run's clock. A
+    `suite` is what is done where it is of neither form; then `path` is only named in messages.
 
     Raises:
         FileError: the experiment is damaged, or the folder holds a run of something else.
