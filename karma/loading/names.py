@@ -8,7 +8,7 @@ from typing import Any
 
 from karma import registry
 from karma.agent.options import settings_of
-from karma.agent.planning.prompt import skills_of
+from karma.agent.planning.prompt import check_mode
 from karma.errors import KarmaError, ModelError, UnknownNameError, did_you_mean
 from karma.models.manifest import ModelEntry, Role, find_model, is_gguf_path, read_manifest
 
@@ -61,7 +61,7 @@ def check_models(named: Mapping[str, str], prefix: str = "") -> None:
                 if not is_gguf_path(name):
                     _check_role(name, ("planner",))
             elif key == "profile":
-                skills_of(name)
+                check_mode(name)
             elif key == "recall":
                 _check_recall(name)
             else:

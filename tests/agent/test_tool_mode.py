@@ -6,6 +6,8 @@ from hypothesis import strategies as st
 from support.experiences import begun
 
 from karma.agent.tools.table import MAX_LINES, BadCall, in_tools, parse_answer, tools_grammar
+from karma.errors import KarmaError
+from karma.loading.names import check_models
 from karma.models.constraint import admits
 from karma.models.scripted import ScriptedModel
 from karma.types.events import Outcome, SkillResult
@@ -78,6 +80,12 @@ def test_skill_calls_in_refusals_are_said_as_tool_calls():
     assert in_tools("the hand is empty; PickupObject(robot, 'Apple') first") == (
         "the hand is empty; pick(Apple) first"
     )
+
+
+def test_mode_is_known_by_name_where_models_are_named():
+    check_models({"profile": "tools"})
+    with pytest.raises(KarmaError, match="Did you mean 'tools'"):
+        check_models({"profile": "tool"})
 
 
 # ----------------------------------------------------------------- the loop
@@ -185,11 +193,29 @@ def test_same_calls_without_effect_end_the_request(talk):
     assert len(model.prompts) < 9
 
 
-def test_done_with_something_in_the_hand_is_asked_about_once(talk):
-    answers = ['find(Apple)\npick(Apple)\ndone("Here.")', 'done("Here.")']
-    (events,), model, _ = talk(answers, "bring me the apple")
+def test_done_with_what_could_not_be_put_down_is_asked_about_once(talk):
+    answers = ["pick(Apple)\nput(Apple, Fridge)", 'done("Done.")', 'done("I hold it.")']
+    (events,), model, _ = talk(answers, "put the apple in the fridge")
     assert outcome(events).finished
-    assert "you still hold Apple" in model.prompts[1].changing
+    assert "you still hold Apple" in model.prompts[2].changing
+
+
+def test_done_with_what_was_to_be_fetched_in_the_hand_is_taken_as_it_is(talk):
+    (events,), model, _ = talk(['pick(Apple)\ndone("Here.")'], "bring me the apple")
+    assert outcome(events).finished
+    assert len(model.prompts) == 1
+
+
+def test_what_was_looked_at_is_told_with_its_usual_states_too(talk):
+    _, model, _ = talk(["go(Microwave)", 'tell("It is off.")'], "is the microwave on?")
+    assert "go(Microwave) -> ok, it is closed and off" in model.prompts[1].changing
+
+
+def test_search_for_one_more_says_that_there_is_no_further_one(talk):
+    _, model, _ = talk(["find(Apple)\nfind(Apple)", 'tell("One.")'], "how many apples?")
+    known, more = model.prompts[1].changing.splitlines()[:2]
+    assert "ok, known: Apple at DiningTable" in known
+    assert "FAILED: there is no further Apple" in more
 
 
 def test_later_requests_read_the_conversation_and_the_same_names(talk):

@@ -74,6 +74,13 @@ def skills_of(profile: str) -> tuple[Skill, ...]:
     return PROFILES[profile]
 
 
+def check_mode(name: str) -> None:
+    """Check the name of a mode: goals, tools, or a profile of programs; UnknownNameError else."""
+    if name not in (known := (*dict.fromkeys((*PROFILES, GOALS, TOOLS)),)):
+        hint = did_you_mean(name, known)
+        raise UnknownNameError(f"no prompt profile named {name!r}.{hint} {known}")
+
+
 def render(profile: str, request: PlanRequest, *, refusing: bool = False) -> Rendered:
     """Fill a profile; `refusing` explains to a planner without that training how to refuse."""
     skills = skills_of(profile)

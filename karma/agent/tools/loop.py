@@ -72,6 +72,7 @@ class _Conversation:
         self._turns: list[tuple[str, str]] = []
         self._shown = Shown({})
         self._chosen: set[str] = set()  # ids that the model itself opened, closed or switched
+        self._unplaced: set[str] = set()  # ids that could not be put where they were to go
         self._searched: set[str] = set()  # types that `find` was called for
         self._handled: dict[str, None] = {}  # ids, the last one last
         self._calls = 0
@@ -168,7 +169,8 @@ class _Conversation:
             if isinstance(call, ToolCall) and not reason and not remark:
                 result = self._run_call(call)
                 yield result
-                reason = "" if result.ok else result.detail or result.reason
+                reason = "" if result.ok else self._reason(call, result)
+                remark = self._state_of(call)
             name_of = {object_id: name for name, object_id in self._update_names().items()}
             news = self._news()
             told = f"FAILED: {in_tools(in_names(reason, name_of))}" if reason else f"ok{remark}"
@@ -176,6 +178,25 @@ class _Conversation:
             if reason:
                 return lines, False
         return lines, True
+
+    def _reason(self, call: ToolCall, result: SkillResult) -> str:
+        """Return why a call failed; a search tells whether objects of the type are known."""
+        if call.tool.name in ("put", "near"):
+            self._unplaced.update(result.call.objects[:-1])
+        if call.tool.skill == "Explore" and self._known_ids(result.call.objects[-1]):
+            return f"there is no further {result.call.objects[-1]}; everything was searched"
+        return result.detail or result.reason
+
+    def _state_of(self, call: ToolCall) -> str:
+        """Return the state of what was looked at, whole: what is off or closed, too."""
+        if call.tool.name not in ("go", "look"):
+            return ""
+        sight = self._session.seen().get(self._names.get(call.names[0], ""))
+        words = [word for word in sight.states if word != "none"] if sight is not None else []
+        return f", it is {' and '.join(words)}" if words else ""
+
+    def _known_ids(self, object_type: str) -> set[str]:
+        return {one for one in self._names.values() if type_of(one) == object_type}
 
     def _run_call(self, call: ToolCall) -> SkillResult:
         session, skill = self._session, call.tool.skill
@@ -190,8 +211,7 @@ class _Conversation:
             return result
         if skill == "Explore":
             wanted = short_type(type_of(ids[0]))
-            known = {one for one in self._names.values() if type_of(one) == wanted}
-            return session.call(SkillCall.of("Explore", wanted), aside=known)
+            return session.call(SkillCall.of("Explore", wanted), aside=self._known_ids(wanted))
         exact = bool(call.names) and call.names[-1] in self._names
         return session.call(SkillCall(skill=skill, objects=tuple(ids), exact=exact), reported=True)
 
@@ -235,7 +255,7 @@ class _Conversation:
             return ""
         held = self._session.remembered().held
         facts = [str(check) for check in self._contradictions()]
-        if held is not None and self._calls:
+        if held is not None and held.object_id in self._unplaced:
             name_of = {object_id: name for name, object_id in self._names.items()}
             facts.append(f"you still hold {name_of.get(held.object_id, held.object_type)}")
         if not facts:

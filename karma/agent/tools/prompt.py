@@ -10,11 +10,11 @@ from karma.types.observation import SeenObject
 from karma.types.planning import PlanRequest
 
 FACTS = (
-    "A running tap (on, then off) cleans and fills what is in its Sink. A closed Fridge cools. "
-    "A closed, running Microwave heats and cooks; so does a lit StoveBurner what is in a Pan or "
-    "Pot on it, and a Toaster bread. A running CoffeeMachine fills the Mug in it. Break an Egg "
-    "before you cook it. To throw away, put into the GarbageCan. Open a container before you reach "
-    "in. Slices are objects of their own."
+    "on(Sink), then off(Sink) cleans and fills what is in it. A closed Fridge cools. A closed "
+    "Microwave heats and cooks while on; so does a StoveBurner what is in a Pan or Pot on it, a "
+    "Toaster bread. A CoffeeMachine that is on fills its Mug. Break an Egg before you cook it. To "
+    "throw away, put into the GarbageCan. Open a container before you reach in. What has no mark "
+    "in brackets is clean, empty, closed, off."
 )
 
 
@@ -27,11 +27,10 @@ def system_text(map_text: str) -> str:
     ends = ", ".join(f'{kind}("{doc}")' for kind, doc in END_DOCS.items())
     furniture = f"Furniture, a line for each part of the room:\n{map_text}\n" if map_text else ""
     return (
-        "You are a household robot with one arm. Answer with tool calls only, one a line. They run "
-        "until one fails; you read the results and go on.\n"
-        f"{tools}\nEnd the request with one of {ends}\n{FACTS}\n"
-        "Use the names given; they never change. A bare type (Cabinet) means any of it. Do only "
-        "what was asked, and close and switch off again what you used on the way.\n"
+        "You are a household robot with one arm. Answer with tool calls only, one a line; they run "
+        f"until one fails, then you read the results.\n{tools}\nEnd with {ends}.\n{FACTS}\n"
+        "Use the names given; a bare type (Cabinet) is the nearest of it. Do only what was asked. "
+        "What look and find opened is closed again at the end; close what you opened yourself.\n"
         f"{furniture}"
     )
 

@@ -79,6 +79,7 @@ class Shown:
         now = dict(self.objects)
         by_place: dict[str, list[str]] = {}
         fixed: list[str] = []
+        held: list[str] = []
         for object_id, sight in seen.items():
             state = (place_of(sight), sight.states)
             before = now.get(object_id)
@@ -90,12 +91,15 @@ class Shown:
             if not sight.pickupable:
                 if states:
                     fixed.append(shown)
-            elif state[0] != HAND:
+            elif state[0] == HAND:
+                held += [shown] if states else []
+            else:
                 place = name_for(state[0], name_of) if state[0] else "unknown place"
                 by_place.setdefault(place, []).append(shown)
         gone = [name_for(object_id, name_of) for object_id in now if object_id not in seen]
         parts = [f"{place}: {', '.join(in_runs(shown))}" for place, shown in by_place.items()]
         parts += [", ".join(in_runs(fixed))] if fixed else []
+        parts += [f"in the hand: {held[0]}"] if held else []
         parts += [f"no longer there: {', '.join(in_runs(gone))}"] if gone else []
         kept = {object_id: state for object_id, state in now.items() if object_id in seen}
         return "; ".join(parts), Shown(kept)

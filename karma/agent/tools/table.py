@@ -67,34 +67,29 @@ def _tool(name: str, arguments: str, skill: str, doc: str) -> Tool:
 TOOLS: Mapping[str, Tool] = {
     tool.name: tool
     for tool in (
-        _tool("go", "X", "GoToObject", "walk there"),
-        _tool("look", "X", LOOK_OVER, "look over a surface, or open a container and look in"),
-        _tool("survey", "", SURVEY, "look around the whole room, opening nothing"),
-        _tool(
-            "find",
-            "Type",
-            "Explore",
-            "search everywhere for an object of a type; again: for one more",
-        ),
-        _tool("pick", "X", "PickupObject", "the hand must be empty"),
-        _tool("put", "X Y", "PutObject", "what is in the hand, in or on Y"),
-        _tool("near", "X Y", "PutNear", "put what is in the hand next to Y"),
+        _tool("go", "X", "GoToObject", ""),
+        _tool("look", "X", LOOK_OVER, "on a surface or, opened, in a container"),
+        _tool("survey", "", SURVEY, "look around the whole room"),
+        _tool("find", "Type", "Explore", "search everywhere; the same call again: one more"),
+        _tool("pick", "X", "PickupObject", "with an empty hand"),
+        _tool("put", "X Y", "PutObject", "what you hold, in or on Y"),
+        _tool("near", "X Y", "PutNear", "what you hold, next to Y"),
         _tool("open", "X", "OpenObject", ""),
         _tool("close", "X", "CloseObject", ""),
         _tool("on", "X", "ToggleOn", ""),
         _tool("off", "X", "ToggleOff", ""),
-        _tool("slice", "X", "SliceObject", "with a knife in the hand"),
+        _tool("slice", "X", "SliceObject", "knife in hand"),
         _tool("break", "X", "BreakObject", ""),
-        _tool("throw", "X", "ThrowObject", "what is in the hand, across the room"),
-        _tool("empty", "X", "EmptyObject", "pour out what it is filled with"),
+        _tool("throw", "X", "ThrowObject", "across the room"),
+        _tool("empty", "X", "EmptyObject", "pour out"),
     )
 }
 ENDS: Mapping[str, EndKind] = {"done": "done", "tell": "tell", "ask": "ask", "refuse": "refuse"}
 END_DOCS: Mapping[EndKind, str] = {
     "done": "what is true now",
-    "tell": "the answer to a question",
-    "ask": "what you need to know",
-    "refuse": "why it cannot be done",
+    "tell": "an answer",
+    "ask": "a question",
+    "refuse": "why not",
 }
 TOOL_OF_SKILL: Mapping[str, str] = {tool.skill: tool.name for tool in TOOLS.values()}
 
