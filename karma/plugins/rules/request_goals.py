@@ -58,6 +58,7 @@ def _asked_goals(deed: SaidDeed, thing: Mention | None, here: Collection[str]) -
         return _COFFEE
     state = deed_kind(deed.deed).leaves
     what = _asked_type(thing, here, NEEDS.get(state, "pickupable"))
+    arguments: tuple[str, ...]
     match deed.deed:
         case "put":
             where = _asked_type(deed.place, here, "" if deed.near else "receptacle")
