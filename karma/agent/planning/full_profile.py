@@ -6,7 +6,7 @@ Those are furniture by name, what is in sight, what failed, and what skills need
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 
 from karma.agent.planning.program import SKILL_OF
@@ -192,14 +192,6 @@ def area_line(area: Area, names: Mapping[str, str]) -> AreaLine:
     return AreaLine(
         name=area.name, position_m=area.position_m, adjacent=area.adjacent, things=(*named, *rest)
     )
-
-
-def furniture(areas: Sequence[Area], names: Mapping[str, str]) -> list[str]:
-    """Return what furniture a map has, by name without places, and types of what has no name."""
-    lines = [area_line(replace(area, fixtures=()), {}) for area in areas]
-    spoken = {short_type(one) for one in names}
-    rest = dict.fromkeys(kind for line in lines for kind in line.things if kind not in spoken)
-    return in_runs([*names, *rest])
 
 
 def coarse_text(position_m: Sequence[float]) -> str:

@@ -5,10 +5,9 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, Self
 
 from karma.agent.planning.first_program import substitution
-from karma.agent.planning.goal_lines import program_for
 from karma.agent.planning.inspector import mend, narrowed, objection
 from karma.agent.planning.program import SKILLS
-from karma.agent.planning.prompt import GOALS, render, skills_of
+from karma.agent.planning.prompt import render, skills_of
 from karma.agent.planning.recovery import Recovered, program_of
 from karma.agent.planning.refused import KNOWN, cannot_be, with_words
 from karma.agent.planning.turns import with_turns
@@ -139,8 +138,6 @@ class Planner:
             listen=self.listen,
         )
         answer = _read(completion, skills, refusing=refusing)
-        if self.profile == GOALS and answer.calls:
-            answer = _done_for(answer, request, rendered.names)
         if answer.refused and (reason := cannot_be(answer.refused, request)):
             answer = _no_program((completion.text.strip(),), 0, reason)
         return Plan(
@@ -224,14 +221,6 @@ def _no_program(lines: tuple[str, ...], failed: int | None, reason: str) -> Reco
     """Return the failure of an answer without an executable program."""
     failure = FailedProgram(lines=lines, failed=failed, reason=reason)
     return Recovered(error=reason, failure=failure)
-
-
-def _done_for(answer: Recovered, request: PlanRequest, names: Mapping[str, str]) -> Recovered:
-    """Return the program for an answer of goal lines."""
-    calls = program_for(answer.calls, request.units, names)
-    if calls:
-        return replace(answer, calls=calls)
-    return _no_program(tuple(map(str, answer.calls)), None, "these lines leave nothing to do")
 
 
 def _refused(answer: Plan, kind: RefusalKind, by: Literal["guard", "inspector"], why: str) -> Plan:

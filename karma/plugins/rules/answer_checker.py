@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from karma.agent.planning.goal_lines import program_for
 from karma.agent.planning.inspector import objection
 from karma.agent.planning.planner import (
     by_no_model,
@@ -15,7 +14,7 @@ from karma.agent.planning.planner import (
 )
 from karma.plugins.rules.language.clauses import plainly, said
 from karma.plugins.rules.request_checker import Guard
-from karma.plugins.rules.request_goals import asked_lines
+from karma.plugins.rules.request_goals import asked_goals, program_for
 from karma.plugins.rules.trimming import trimmed
 from karma.plugins.rules.types import Request
 from karma.types.events import Plan, Review
@@ -79,8 +78,8 @@ class RequestAnswerChecker:
 
         It passes what an answer has to pass, and stands as an answer of no tokens.
         """
-        lines = asked_lines(self.asked, known_here(request))
-        calls = program_for(lines, request.units, answer.names) if lines else ()
+        goals = asked_goals(self.asked, known_here(request))
+        calls = program_for(goals, request.units, answer.names) if goals else ()
         said = by_no_model("".join(f"{call}\n" for call in calls))
         own = replace(answer, completion=said, calls=calls, error="", failure=None)
         own, _ = inspected(own, request) if calls else (own, "")
