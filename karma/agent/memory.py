@@ -119,11 +119,6 @@ class AgentMemory:
         """Return whether a prompt may tell of a sight: without short-term memory a new one only."""
         return self.settings.short_term or self.room.seen.get(sight.object_id) is not sight
 
-    def last_seen(self) -> Mapping[str, tuple[SeenObject, float]]:
-        """Return the latest sight of each object of this room, and when it was in view last."""
-        room = self.room
-        return {name: (sight, room.seen_s.get(name, 0.0)) for name, sight in room.seen.items()}
-
     # ------------------------------------------------------------- memory into the prompt
 
     def request(self, subtask: SubTask, advice: Advice, *, tells_all: bool) -> PlanRequest:

@@ -50,10 +50,6 @@ class Planner:
             given.model, given.profile, given.decoding, given.reader, given.listen, given.examples
         )
 
-    def drawn_by(self, decoding: Decoding) -> "Planner":
-        """Return the same planner with its answers drawn otherwise."""
-        return replace(self, decoding=decoding)
-
     def plan(self, request: PlanRequest) -> Iterator[Plan]:
         """Ask until an answer parses and could work, at most `attempts` times; yields every answer.
 
@@ -196,14 +192,6 @@ def _is_unsure(answer: Plan) -> bool:
     return answer.refused is not None and chance is not None and chance < MIN_REFUSAL_CHANCE
 
 
-def by_no_model(text: str = "") -> Completion:
-    """Return the completion of an answer that no model gave."""
-    return Completion(
-        text=text, finish="stop", prompt_tokens=0, reused_tokens=0, completion_tokens=0,
-        first_token_s=None, total_s=0.0,
-    )  # fmt: skip
-
-
 def _read(completion: Completion, skills: Sequence[Skill], *, refusing: bool) -> Recovered:
     """Return the calls of an answer, that it refuses the request, or why it is refused itself."""
     lines = tuple(completion.text.rstrip().split("\n"))
@@ -233,13 +221,6 @@ def objected(answer: Plan, line: int, reason: str, error: str = "") -> Plan:
     """Return a plan with the objection to a line of its program."""
     failure = FailedProgram(lines=tuple(map(str, answer.calls)), failed=line, reason=reason)
     return replace(answer, error=error or reason, failure=failure)
-
-
-def known_here(request: PlanRequest) -> frozenset[str]:
-    """Return the types that the agent knows of in this room."""
-    kinds = {kind for area in request.areas for kind in area.contains}
-    kinds |= {unit.object_type for unit in request.units}
-    return frozenset(kinds | {one.object_type for one in request.seen})
 
 
 def program_spec(

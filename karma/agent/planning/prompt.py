@@ -15,7 +15,6 @@ from types import MappingProxyType
 import jinja2
 
 from karma.agent.planning.full_profile import (
-    area_line,
     by_place,
     coarse_text,
     doors_and_switches,
@@ -28,6 +27,7 @@ from karma.agent.planning.full_profile import (
     short_names,
     skill_needs,
     stand_ins,
+    with_furniture,
 )
 from karma.agent.planning.program import OUR_SKILLS, SKILLS
 from karma.errors import UnknownNameError, did_you_mean
@@ -35,7 +35,6 @@ from karma.household.pieces import base_type
 from karma.household.places import HAND, landmark_types
 from karma.types.memory import Area, MemoryUnit
 from karma.types.planning import Hint, PlanRequest, Prompt, Skill
-from karma.types.space import Vec3
 
 GOALS = "goals"  # the mode in which the model answers goals, see `karma.agent.goal_mode`
 TOOLS = "tools"  # the mode in which the model calls tools, see `karma.agent.tools`
@@ -183,7 +182,7 @@ def full(request: PlanRequest, skills: Sequence[Skill], *, refusing: bool = Fals
         needs=skill_needs(),
         refusing=refusing,
         graph=request.graph_text,
-        areas=[area_line(area, fixtures) for area in request.areas],
+        areas=[with_furniture(area, fixtures) for area in request.areas],
     )
     changing = template(_PROMPTS / "full_changing.txt").render(
         units=[(name_of[unit.object_id], unit) for unit in request.units],
@@ -206,15 +205,6 @@ def full(request: PlanRequest, skills: Sequence[Skill], *, refusing: bool = Fals
     return Rendered(prompt=Prompt(stable=stable, turns=turns, changing=changing), names=names)
 
 
-def position_text(position_m: Vec3) -> str:
-    """Return a position to the centimetre.
-
-    >>> position_text((1.0, -0.004, 2.345))
-    '[1.00, 0.00, 2.35]'
-    """
-    return "[" + ", ".join(f"{round(v, 2) + 0.0:.2f}" for v in position_m) + "]"
-
-
 @cache
 def template(path: Path) -> jinja2.Template:
     """Return the template of a prompt, read once."""
@@ -225,6 +215,5 @@ def template(path: Path) -> jinja2.Template:
         keep_trailing_newline=True,
         autoescape=False,
     )
-    environment.filters["position"] = position_text
     environment.filters["coarse"] = coarse_text
     return environment.from_string(path.read_text(encoding="utf-8"))
