@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 
 from karma.agent.planning.expert import ExpertView
-from karma.agent.planning.goal_lines import plain_program
+from karma.agent.planning.plain_program import plain_program
 from karma.goals.files import SaidRequest
 from karma.household import uses
 from karma.household.containment import goes_in

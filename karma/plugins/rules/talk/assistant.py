@@ -156,9 +156,9 @@ class RulesAssistant:
         return told.answer
 
     def _remembering(self) -> Remembering:
-        agent = self._agent
+        agent, room = self._agent, self._agent.known.room
         return Remembering(
-            sights=agent.known.last_seen(),
+            sights={name: (one, room.seen_s.get(name, 0.0)) for name, one in room.seen.items()},
             units={unit.object_id: unit for unit in agent.memory},
             furniture=agent.map.types(),
             past=agent.home.past,
