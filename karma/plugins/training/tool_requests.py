@@ -3,12 +3,13 @@
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import get_args
 
+from karma.agent.planning.expert import NamedThing
 from karma.files import read_toml
-from karma.household.ids import is_part, type_of
+from karma.household.ids import root_id, type_of
 from karma.household.pieces import base_type
 from karma.household.saying import name_of, plural_of, told_place
 from karma.household.types import object_types
@@ -127,25 +128,20 @@ class ToolRequests:
         name, place = f"The {name_of(kind)}", next(iter(one.parent_ids), "")
         if one.pickupable and can("dirtyable") and self.rng.random() < 0.5:
             state = "dirty" if "dirty" in one.states else "clean"
-            is_shown = partial(_is_told, kind, lambda told: ("dirty" in told) == (state == "dirty"))
+            is_shown = _shows(kind, lambda thing: ("dirty" in thing.states) == (state == "dirty"))
             return [self._asked("dirty", kind, f"{name} is {state}.", is_shown=is_shown)]
         if one.pickupable and type_of(place) in object_types():
-            is_shown = partial(_is_at, kind, without_basin(type_of(place)))
-            return [
-                self._asked("where", kind, f"{name} is {told_place(place)}.", is_shown=is_shown)
-            ]
+            holder, reply = without_basin(type_of(place)), f"{name} is {told_place(place)}."
+            is_shown = _shows(kind, lambda thing: thing.place_type == holder)
+            return [self._asked("where", kind, reply, is_shown=is_shown)]
         if kind in self.room.landmarks and can("toggleable"):
             state = "on" if "on" in one.states else "off"
             return [self._asked("on", kind, f"{name} is {state}.", tool="go")]
         if kind not in self.room.landmarks or not can("receptacle"):
             return ()
-        lying = (each for each in self.objects if each.pickupable)
-        inside = [
-            each
-            for each in lying
-            if any(p == one.object_id or is_part(p, one.object_id) for p in each.parent_ids)
-        ]
-        names = sorted(name_of(each.object_type) for each in inside)
+        lying = [each for each in self.objects if each.pickupable and each.parent_ids]
+        roots = [(root_id(each.parent_ids[-1]), name_of(each.object_type)) for each in lying]
+        names = sorted(word for root, word in roots if root == one.object_id)
         reply = _listed(told_place(kind), names)
         return [self._asked("contents", kind, reply, tool="look", word=told_place(kind))]
 
@@ -167,12 +163,9 @@ def _refused(kind: str, text: str) -> Lesson:
     return Lesson(kind=f"{end}_{kind}", text=text, end=end, reply=reply)
 
 
-def _is_at(kind: str, place: str, things: Things) -> bool:
-    return any(one.object_type == kind and one.place_type == place for one in things.values())
-
-
-def _is_told(kind: str, fits: Callable[[Sequence[str]], bool], things: Things) -> bool:
-    return any(one.object_type == kind and fits(one.states) for one in things.values())
+def _shows(kind: str, fits: Callable[[NamedThing], bool]) -> Callable[[Things], bool]:
+    """Return a check whether objects of a type that are told of are as they should be."""
+    return lambda things: any(one.object_type == kind and fits(one) for one in things.values())
 
 
 def _listed(where: str, words: Sequence[str]) -> str:

@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
-from typing import Any
+from typing import Any, NamedTuple
 
 from karma.agent.planning.expert import ExpertView, NamedThing, solve
 from karma.agent.tools.table import TOOL_OF_SKILL
@@ -16,11 +16,11 @@ from karma.household.ids import short_type
 from karma.household.saying import name_of, plural_of, told_place
 from karma.household.states import END_STATES, SAID_AS, deed_for
 from karma.household.types import object_types
+from karma.models.scripted import ScriptedModel
 from karma.types.completion import Completion
 from karma.types.planning import EndKind, Prompt
 from karma.types.tasks import Goal
 
-MAX_ANSWERS = 12
 _NAME = re.compile(r"(\w+)(?: \(([^)]*)\))?(?: to (\w+))?$")
 _AT = re.compile(r"(\w+)(?: \(([^)]*)\))? at (\w+)$")
 _SKILL_TOOLS = {**TOOL_OF_SKILL, "SwitchOn": "on", "SwitchOff": "off"}
@@ -41,8 +41,7 @@ class Lesson:
     reply: str = ""  # text of the end
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TaughtAnswer:
+class TaughtAnswer(NamedTuple):
     """An answer of the teacher; a slip is shown and not to be learned."""
 
     prompt: Prompt
@@ -69,38 +68,32 @@ class ToolTeacher:
         lines = _answer(lesson, prompt)
         shown = lines if prompt.turns else self.slip(lines)
         text = "\n".join(shown)
-        self.answers.append(TaughtAnswer(prompt=prompt, text=text, is_slip=shown != lines))
-        return Completion(
-            text=text, finish="stop", prompt_tokens=len(prompt.text) // 4, reused_tokens=0,
-            completion_tokens=len(text) // 4, first_token_s=0.0, total_s=0.0,
-        )  # fmt: skip
+        self.answers.append(TaughtAnswer(prompt, text, shown != lines))
+        return ScriptedModel([text]).complete(prompt)
 
 
 def _answer(lesson: Lesson, prompt: Prompt) -> list[str]:
-    things, held = things_told([user for user, _ in prompt.turns] + [prompt.changing])
+    told = "\n".join([*(user for user, _ in prompt.turns), prompt.changing])
+    things, _ = things_told(told)
     end = f'{lesson.end}("{lesson.reply or report(lesson.goals)}")'
     if lesson.goals:
         goals, kind = _apart(lesson.goals, things)
-        if kind and len(prompt.turns) < MAX_ANSWERS:
-            return [f"find({kind})"]
-        calls = _program(goals, prompt, things, held)
-        return [*(calls if len(prompt.turns) < MAX_ANSWERS else []), end]
-    is_known = lesson.is_shown is not None and lesson.is_shown(things)
-    is_searched = f"{lesson.search} -> " in prompt.text
-    return [end] if is_known or is_searched or not lesson.search else [lesson.search]
+        return [f"find({kind})"] if kind else [*_program(goals, prompt.stable, told), end]
+    is_searched = f"{lesson.search} -> " in told
+    is_known = lesson.is_shown(things) if lesson.is_shown else is_searched
+    if is_searched and not is_known:
+        return ['refuse("I have not seen it.")']  # which is no right end
+    return [end] if is_known or not lesson.search else [lesson.search]
 
 
-def _program(goals: Sequence[Goal], prompt: Prompt, things: Things, held: str) -> list[str]:
-    said = [*(user for user, _ in prompt.turns), prompt.changing]
-    refused = set[tuple[str, str]]()
-    for line in (line for text in said for line in text.splitlines()):
-        if found := re.match(r"put\((\w+), (\w+)\) -> FAILED", line):
-            refused |= {(found[1], found[2]), (found[1], short_type(found[2]))}
+def _program(goals: Sequence[Goal], system: str, told: str) -> list[str]:
+    things, held = things_told(told)
+    failed = re.findall(r"^put\((\w+), (\w+)\) -> FAILED", told, re.MULTILINE)
     view = ExpertView(
         things=tuple(things.values()),
-        landmarks=_furniture(prompt),
+        landmarks=_furniture(system, told),
         held=things.get(held, _thing(held, None, None)) if held != "nothing" else None,
-        refused=frozenset(refused),
+        refused=frozenset([*failed, *((what, short_type(place)) for what, place in failed)]),
     )
     is_open = {f"open({name})" for name, thing in things.items() if "opened" in thing.states}
     calls = [call for call in solve(goals, view) if call.skill in _SKILL_TOOLS]
@@ -109,11 +102,11 @@ def _program(goals: Sequence[Goal], prompt: Prompt, things: Things, held: str) -
     return [line for line in acts or lines if line not in is_open]
 
 
-def _furniture(prompt: Prompt) -> frozenset[str]:
-    """Return the types of furniture on the map of a prompt, and those that were found."""
-    rows = prompt.stable.partition("Furniture")[2].splitlines()[1:]
+def _furniture(system: str, told: str) -> frozenset[str]:
+    """Return the types of furniture on the map, and those that were found."""
+    rows = system.partition("Furniture")[2].splitlines()[1:]
     mapped = (short_type(name) for row in rows for name in re.findall(r"\w+", row))
-    return frozenset((*mapped, *re.findall(r"find\((\w+)\) -> ok", prompt.text)))
+    return frozenset((*mapped, *re.findall(r"find\((\w+)\) -> ok", told)))
 
 
 def _apart(goals: Sequence[Goal], things: Things) -> tuple[list[Goal], str]:
@@ -159,12 +152,12 @@ def _fact(goal: Goal) -> str:
 # ----------------------------------------------------------------- what a prompt tells
 
 
-def things_told(messages: Sequence[str]) -> tuple[dict[str, NamedThing], str]:
-    """Return the objects of which messages tell, the last used first, and the held one's name."""
+def things_told(text: str) -> tuple[dict[str, NamedThing], str]:
+    """Return the objects of which a text tells, the last used first, and the held one's name."""
     remembered: dict[str, NamedThing] = {}
     seen: dict[str, NamedThing] = {}
     held = "nothing"
-    for line in (line for message in messages for line in message.splitlines()):
+    for line in text.splitlines():
         if found := re.match(r"In the hand: (\w+)|pick\((\w+)\) -> ok", line):
             held = found[1] or found[2]
         if re.match(r"(put|near|throw)\(.*\) -> ok", line):

@@ -113,7 +113,7 @@ def test_replayed_chats_come_to_the_same_results_and_ends(talks, tmp_path, mater
     ],
 )  # fmt: skip
 def test_teacher_reads_what_messages_tell(messages, places, held):
-    things, in_hand = things_told(messages)
+    things, in_hand = things_told("\n".join(messages))
     assert list({name: thing.place for name, thing in things.items()}.items()) == list(
         places.items()
     )
