@@ -105,7 +105,7 @@ def write_made(path: Path, data: bytes, sign: bytes = SIGN) -> None:
 # ----------------------------------------------------------------- the mark
 
 
-class _Mark(msgspec.Struct, frozen=True, kw_only=True):
+class _Mark(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     header: str = ""  # SHA-256 of the header; "" where it grows with the run
     sealed: dict[str, str] = {}  # files that stay as they are once the results are there
 
