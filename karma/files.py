@@ -213,6 +213,14 @@ def below(folder: str | Path, name: str, *, source: str | Path | None = None) ->
     return Path(folder) / name
 
 
+def inside(folder: Path, name: str) -> Path:
+    """Return the path of a file of a folder; FileError where links lead out of the folder."""
+    path = folder / name
+    if not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
+        raise FileError(path, f"a link leads out of {folder}", fix="remove the link")
+    return path
+
+
 def to_json(value: Any, *, indent: int = 0) -> bytes:
     """Encode with sorted keys, so that equal values give equal bytes; ends in a newline."""
     data = msgspec.json.encode(value, order="sorted")

@@ -12,6 +12,7 @@ from karma.agent.planning.full_profile import furniture_names
 from karma.agent.seeing.eyes import Perception
 from karma.agent.settings import KarmaSettings
 from karma.agent.tour import explore_room, movable_objects
+from karma.files import inside
 from karma.household.places import HAND
 from karma.memory.policies import make_policy
 from karma.memory.scene_graph import SceneGraph
@@ -100,7 +101,7 @@ class AgentMemory:
     def _map_path(self) -> Path | None:
         """Return where the map of this room lies, or None if it is explored each time."""
         name = self._perception.map_file(self.scene, self._seed)
-        return self._maps / name if self._maps and name else None
+        return inside(self._maps, name) if self._maps and name else None
 
     # ------------------------------------------------------------- what is known
 
@@ -117,11 +118,6 @@ class AgentMemory:
     def may_tell(self, sight: SeenObject) -> bool:
         """Return whether a prompt may tell of a sight: without short-term memory a new one only."""
         return self.settings.short_term or self.room.seen.get(sight.object_id) is not sight
-
-    def last_seen(self) -> Mapping[str, tuple[SeenObject, float]]:
-        """Return the latest sight of each object of this room, and when it was in view last."""
-        room = self.room
-        return {name: (sight, room.seen_s.get(name, 0.0)) for name, sight in room.seen.items()}
 
     # ------------------------------------------------------------- memory into the prompt
 

@@ -9,7 +9,6 @@ import msgspec
 
 from karma.agent.body.skills import Skills
 from karma.agent.knowledge import RoomKnowledge
-from karma.agent.planning.prompt import position_text
 from karma.agent.seeing.eyes import Eyes
 from karma.agent.seeing.perceive import cells_of, digest_of, fixed_of, pose_of
 from karma.files import read_json, to_json, write_atomic
@@ -90,8 +89,13 @@ def contents_of(world: World) -> str:
 
     It tells one room from another and nothing else: no plan is made from it.
     """
-    fixed = (f"{name} {position_text(place)}" for name, place in fixed_of(world.last_event))
+    fixed = (f"{name} {_centimetres(place)}" for name, place in fixed_of(world.last_event))
     return sha256("\n".join(sorted(fixed)).encode()).hexdigest()
+
+
+def _centimetres(position_m: Vec3) -> str:
+    """Return a position as text such as [1.00, 0.00, 2.35]."""
+    return "[" + ", ".join(f"{round(v, 2) + 0.0:.2f}" for v in position_m) + "]"
 
 
 def floor_of(world: World) -> list[tuple[float, float]]:

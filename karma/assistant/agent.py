@@ -25,7 +25,7 @@ from karma.agent.memory import AgentMemory, Snapshot
 from karma.agent.planning.prompt import TOOLS
 from karma.agent.session import Executor
 from karma.assistant.protocol import Assistant, Moment, wanted_assistant
-from karma.assistant.replies import AgentReply, RequestReply, Understanding, as_it_ends, turns_of
+from karma.assistant.replies import AgentReply, RequestReply, Understanding, turns_of
 from karma.assistant.session_log import PastAction, SessionLog
 from karma.assistant.talk_folder import Keeper, TalkFolder
 from karma.assistant.views import Memory, RoomMap
@@ -227,7 +227,8 @@ class Agent:
         self, before: _Before, said: str, parts: Sequence[RequestReply], *, stopped: str = ""
     ) -> None:
         self._before.append(before)
-        self.replies.append(AgentReply(said=said, parts=as_it_ends(parts), stopped=stopped))
+        settled = tuple(self.assistant.settled(parts))
+        self.replies.append(AgentReply(said=said, parts=settled, stopped=stopped))
         if self._done:
             self.save()
 

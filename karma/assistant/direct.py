@@ -1,6 +1,6 @@
 """The assistant `direct`: each text is one instruction, and the agent's report is the reply."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -8,7 +8,7 @@ from karma.agent.planning.planner import grounded
 from karma.agent.planning.refused import sentence
 from karma.assistant.program_words import in_words
 from karma.assistant.protocol import Moment, Resolved
-from karma.assistant.replies import Understanding
+from karma.assistant.replies import RequestReply, Understanding
 from karma.types.events import Plan
 from karma.types.tasks import SubTask
 
@@ -43,6 +43,10 @@ class DirectAssistant:
         reply = yield from self._agent.carry_out(subtask, described)
         self._agent.log(reply)
         yield reply
+
+    def settled(self, parts: Sequence[RequestReply]) -> Sequence[RequestReply]:
+        """Return the replies as they are: a text is one request."""
+        return parts
 
     def resolve(self, typed: str, *, at_terminal: bool) -> Resolved:
         """Return the line itself."""

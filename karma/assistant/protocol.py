@@ -1,6 +1,6 @@
 """What an assistant is: it turns a person's text into instructions, and a report into words."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
@@ -41,6 +41,9 @@ class Assistant(Protocol[SaidT]):
 
     def handle(self, said: SaidT, whole: str) -> Iterator[Moment]:
         """Carry out or answer one request of the text `whole`; yield its reply last."""
+
+    def settled(self, parts: Sequence[RequestReply]) -> Sequence[RequestReply]:
+        """Return the replies to a text as they stand after its last request."""
 
     def resolve(self, typed: str, *, at_terminal: bool) -> Resolved:
         """Return what a line that was typed asks for."""

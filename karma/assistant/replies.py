@@ -5,12 +5,11 @@ them.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import count
 from textwrap import wrap
 from typing import Literal
 
-from karma.agent.body.afterwards import taken_back
 from karma.journal.records import SubTaskRecord, Turn
 from karma.models.session import Spent
 from karma.types.events import Check, Found, Plan, SkillResult
@@ -120,20 +119,6 @@ class RequestReply:
 
     def __repr__(self) -> str:
         return "\n".join(line.text for line in lines_of(self))
-
-
-def as_it_ends(parts: Sequence[RequestReply]) -> tuple[RequestReply, ...]:
-    """Return replies whose checks take into account what a later request undid."""
-    found = []
-    for number, part in enumerate(parts):
-        later = parts[number + 1 :]
-        results = [result for one in later for result in one.results]
-        requested = frozenset[tuple[str, str]]().union(*(one.requested for one in later))
-        undone = taken_back(part.results, results, part.requested, requested)
-        texts = {check.text for check in undone}
-        kept = [check for check in part.checks if check.text not in texts]
-        found.append(replace(part, checks=(*kept, *undone)) if undone else part)
-    return tuple(found)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)

@@ -44,7 +44,7 @@ class EvalOptions:
     file: Path = argument(..., "An experiment, e.g. eval/demo.toml.")
     json: Json = None
     out: Path | None = option(None, "Run folder; default runs/NAME.")
-    fresh: bool = option(False, "Start over instead of going on.")
+    fresh: bool = option(False, "Start over; the earlier folder is kept as NAME.1.")
     workers: int = option(0, "Processes to use; 0: as many as cores and memory allow.", min=0)
     ray: str = option("", "Address of a Ray cluster, HOST:PORT, to do the episodes on.")
     steps: bool | None = option(None, "Keep a step log per episode.", "--steps/--no-steps")
@@ -122,6 +122,7 @@ class EvalCommand(Computed, Kept, EvalOptions):
             return
         with console.status(escape(f"reading {file} ...")):
             run = Run(file, folder, fresh=self.fresh, changes=changes, **opened)
+        _tell_of_earlier(run)
         if kind == "benchmark":
             self._do_benchmark(run)
         else:
@@ -201,6 +202,7 @@ class EvalCommand(Computed, Kept, EvalOptions):
         with bar() as progress:
             line = progress.add_task("policies", total=None)
             run = figure_run(file, folder, fresh=self.fresh)
+            _tell_of_earlier(run)
             for record in run.episodes(workers, ray=self.ray):
                 done, text = len(run.records), escape(record.row.replace("-", " "))
                 progress.update(line, total=run.total, completed=done, description=text)
@@ -209,6 +211,12 @@ class EvalCommand(Computed, Kept, EvalOptions):
         if claims.exists():
             console.print(Markdown(claims.read_text(encoding="utf-8")))
         console.print(escape(f"results: {folder / RESULTS}"))
+
+
+def _tell_of_earlier(run: "Run") -> None:
+    """Say where the run is kept whose folder this run has taken."""
+    if run.earlier is not None:
+        tell(f"the earlier run is kept: {run.earlier}")
 
 
 def _kept(run: "Run") -> str:

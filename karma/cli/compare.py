@@ -19,7 +19,7 @@ from karma.cli.shared import (
     write_json,
 )
 from karma.errors import KarmaError
-from karma.files import write_atomic
+from karma.files import inside
 
 if TYPE_CHECKING:
     from karma.bench.figures.compare import Comparison, Split
@@ -70,6 +70,7 @@ def table(
         unfinished,
     )
     from karma.bench.figures.tables import to_markdown
+    from karma.journal.folder import SIGN, TABLE, write_made
     from karma.journal.header import kind_in
     from karma.journal.run_folder import read_run
 
@@ -92,9 +93,10 @@ def table(
     for words in unfinished([data]):
         tell(words)
     folder = out or run
-    write_atomic(folder / "table.md", to_markdown(sheets).encode())
-    write_atomic(folder / "table.csv", to_csv(result).encode())
-    names = f"{folder}/table.md, table.csv"
+    rows = to_csv(result).encode()
+    write_made(inside(folder, TABLE), to_markdown(sheets).encode() + SIGN + b"\n")
+    write_made(inside(folder, "table.csv"), rows, sign=rows.partition(b"\n")[0])
+    names = f"{folder}/{TABLE}, table.csv"
     console.print(escape(f"written, with all that stands behind them: {names}"))
     if json is not None:
         parts = {
@@ -115,12 +117,12 @@ def _write_benchmark(runs: Sequence[Path], folder: Path, json: Path | None) -> N
     """
     from karma.bench.engine.benchmark_runs import read_results, written
     from karma.bench.figures.tables import to_markdown
-    from karma.journal.folder import TABLE
+    from karma.journal.folder import TABLE, write_made
 
     results = read_results(*runs)
     if not results.figures:
         raise KarmaError(f"{runs[0]}: the run has no episodes yet\n  To fix: karma eval FILE")
-    write_atomic(folder / TABLE, written(results))
+    write_made(inside(folder, TABLE), written(results))
     tell(to_markdown(results.behind))
     tell(f"all tables: {folder / TABLE}")
     write_json(json, results.figures)

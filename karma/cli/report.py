@@ -6,10 +6,11 @@ from pathlib import Path
 import typer
 
 from karma.cli.progress import bar
-from karma.cli.shared import argument, console, option, refuse_options, tell, write_for
+from karma.cli.shared import argument, console, option, refuse_options, tell
 from karma.errors import KarmaError
+from karma.files import inside
 
-PAGE = "report.html"
+PAGE, _SIGN = "report.html", b"Made by <code>karma report</code>"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,6 +24,7 @@ class ReportCommand:
 
     def do(self) -> None:
         """Write the page of a run, a benchmark's run, or a figure."""
+        from karma.journal.folder import write_made
         from karma.journal.header import kind_in
 
         match kind_in(self.run):
@@ -38,7 +40,8 @@ class ReportCommand:
                 page = benchmark_page(self.run)
             case _:
                 page = self._run_page()
-        path = write_for(self.run, self.out, PAGE, page.encode())
+        path = self.out or inside(self.run, PAGE)
+        write_made(path, page.encode(), _SIGN)
         tell(f"page: {path}, {path.stat().st_size / 1e6:.1f} MB")
 
     def _run_page(self) -> str:

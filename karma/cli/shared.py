@@ -100,13 +100,6 @@ def write_json(place: Path | None, figures: object) -> None:
         write_atomic(place, data)
 
 
-def write_for(run: Path, out: Path | None, name: str, data: bytes) -> Path:
-    """Write what shows a run where it is wanted, else into the run's folder; return where."""
-    place = out or run / name
-    write_atomic(place, data)
-    return place
-
-
 def refuse_options(context: typer.Context, what: str, known: Collection[str]) -> None:
     """Raise KarmaError where a command was given an option that is not `known` to be of use.
 

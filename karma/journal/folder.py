@@ -1,27 +1,29 @@
 """A run's folder: the names of its files, its lock, its mark.
 
 The mark, `.karma-run`, says that a run made the folder. It holds the SHA-256 of the header and,
-once the run is finished, of what it wrote. In a folder with a mark the files of `OURS` are the
-run's; all others are somebody's and stay. A folder without a mark is taken only if it is empty.
+once the run is finished, of what it wrote. A folder without a mark is taken only if it is empty.
+Nothing of an earlier run is removed: its folder is set aside under another name. A page or table
+is written over another only if that has the line that says that karma made it.
 """
 
 import fcntl
 import hashlib
 import os
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from typing import TypeVar
 
 import msgspec
 
-from karma.agent.seeing.picture_states import PICTURES
 from karma.errors import FileError, KarmaError
 from karma.files import (
     LARGEST_LOG,
     TEMPORARY,
     check_sealed_file,
     decode_json,
+    inside,
     read_bytes,
     sha256_of,
     to_json,
@@ -33,10 +35,7 @@ MARK, HEADER = ".karma-run", "header.json"
 EPISODES, TIMINGS, NOT_RUN = "episodes.jsonl", "timings.jsonl", "not_run.jsonl"
 RESULTS, TABLE, TURNS, CLAIMS = "results.json", "table.md", "turns.json", "claims.md"
 STEPS = "steps"  # folder of step logs
-OURS = (  # what a run writes
-    HEADER, EPISODES, TIMINGS, NOT_RUN, RESULTS, TABLE, TURNS, CLAIMS, "figure-*.png",
-    "figure-*.svg", f"{STEPS}/*/*.jsonl.gz", "maps/*.json", "scenes/*.json", f"{PICTURES}/*.png",
-)  # fmt: skip
+SIGN = b"<!-- made by karma -->"  # line of Markdown that a command made
 _BESIDE = frozenset({"exchanges.jsonl", "recording.lock"})  # a cassette may lie in the folder
 _FIX = "--out another folder"
 
@@ -90,11 +89,26 @@ def replace_file(path: Path, data: bytes) -> None:
         write_atomic(path, data)
 
 
+def write_made(path: Path, data: bytes, sign: bytes = SIGN) -> None:
+    """Write a page or table, over nothing but an earlier one; `sign` is what all of them hold.
+
+    FileError for a file without it, unless that is equal.
+    """
+    if path.exists():
+        there = read_bytes(path, most=LARGEST_LOG)
+        if there != data and sign not in there:
+            reason = "there already, and not made by this command"
+            raise FileError(path, reason, fix="move it away, or --out another place")
+    write_atomic(path, data)
+
+
 # ----------------------------------------------------------------- the mark
 
 
-class _Mark(msgspec.Struct, frozen=True, kw_only=True):
+class _Mark(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     header: str = ""  # SHA-256 of the header; "" where it grows with the run
+    kind: str = ""  # in marks of earlier versions, as the next
+    by: str = ""
     sealed: dict[str, str] = {}  # files that stay as they are once the results are there
 
 
@@ -126,7 +140,7 @@ def seal(folder: Path, names: Iterable[str], results: bytes) -> None:
     hashes = {name: sha256_of(folder / name) for name in names} | {RESULTS: _hash(results)}
     mark = msgspec.structs.replace(_read_mark(folder) or _Mark(), sealed=hashes)
     replace_file(folder / MARK, to_json(mark))
-    replace_file(folder / RESULTS, results)
+    replace_file(inside(folder, RESULTS), results)
 
 
 def check_sealed(folder: Path) -> None:
@@ -137,10 +151,18 @@ def check_sealed(folder: Path) -> None:
     mark = _read_mark(folder)
     if mark is None or not (folder / RESULTS).exists():
         return
+    check_results(folder)
     fix = "bring it back, or run it again: karma eval FILE --fresh"
     for name, sha256 in mark.sealed.items():
         if not name.startswith(f"{STEPS}/") or (folder / name).exists():
             check_sealed_file(folder / name, sha256, fix=fix)
+
+
+def check_results(folder: Path) -> None:
+    """Check that the results, if there are any, are those that the run sealed; else FileError."""
+    mark, path = _read_mark(folder), folder / RESULTS
+    if path.exists() and (mark is None or RESULTS not in mark.sealed):
+        raise FileError(path, "not written by this folder's run", fix=f"move it away, or {_FIX}")
 
 
 def sweep(folder: Path) -> None:
@@ -149,23 +171,28 @@ def sweep(folder: Path) -> None:
         left.unlink(missing_ok=True)
 
 
-def clear(folder: Path) -> None:
-    """Remove what a run has written, and nothing else."""
-    sweep(folder)
-    found = [path for pattern in OURS for path in folder.glob(pattern) if not path.is_dir()]
-    for path in found:
-        path.unlink()
-    begin(folder)
-    for path in sorted({p for one in found for p in one.parents if folder in p.parents})[::-1]:
-        with suppress(OSError):  # somebody's file is in it
-            path.rmdir()
+def set_aside(folder: Path) -> Path:
+    """Rename a folder to the first of NAME.1, NAME.2, ... that is free; return its new path.
+
+    An empty folder takes its place, to which a link still leads. FileError where that cannot be.
+    """
+    real = Path(os.path.realpath(folder))
+    places = (real.with_name(f"{real.name}.{number}") for number in count(1))
+    place = next(one for one in places if not os.path.lexists(one))
+    try:
+        real.rename(place)
+        real.mkdir()
+    except OSError as error:
+        reason = f"cannot be renamed to {place}: {error.strerror}"
+        raise FileError(folder, reason, fix=_FIX) from error
+    return place
 
 
 def _read_mark(folder: Path) -> _Mark | None:
     path = folder / MARK
     if not path.exists():
         return None
-    first = read_bytes(path, most=LARGEST_LOG).partition(b"\n")[0]  # 0.4.0 had further lines
+    first = read_bytes(path, most=LARGEST_LOG).partition(b"\n")[0]  # once it had more
     return decode_json(first, _Mark, path=path, fix=_FIX)
 
 

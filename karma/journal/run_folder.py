@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from karma.errors import FileError
-from karma.files import LARGEST_LOG, append_line, read_bytes, to_json, write_atomic
+from karma.files import LARGEST_LOG, append_line, inside, read_bytes, to_json, write_atomic
 from karma.journal import folder as folders
 from karma.journal.folder import (
     EPISODES,
@@ -19,7 +19,6 @@ from karma.journal.folder import (
     MARK,
     NOT_RUN,
     RESULTS,
-    TABLE,
     TIMINGS,
     check_sealed,
     read_lines,
@@ -95,13 +94,25 @@ class RunFolder:
         self.path, self._steps, self._records = path, steps, records
         self._timings: type[Any] = EpisodeTiming if records is EpisodeRecord else PlayedTiming
 
-    def clear(self) -> None:
-        """Remove what an earlier run left; FileError for a folder that no run has made."""
-        if folders.is_begun(self.path):
-            folders.clear(self.path)
+    def make_way(self, header: Header, *, fresh: bool) -> Path | None:
+        """Set an earlier run aside, and return its new path; None where there is none.
+
+        Without `fresh` only another run gives way, and that only if it has no episode.
+
+        Raises:
+            FileError: the folder has no mark and holds files, or cannot be renamed.
+            KarmaError: another run is at work in it.
+        """
+        with folders.locked(self.path):
+            if not folders.is_begun(self.path):
+                return None
+            if not fresh:
+                idle = (self.path / HEADER).exists() and not self._has_records()
+                fresh = idle and bool(Header.read(self.path).apart(header))
+            return folders.set_aside(self.path) if fresh else None
 
     def claim(self, header: Header, *, fix: str, scenes: Mapping[str, bytes] = _NO_FILES) -> None:
-        """Make the folder that run's, or check that it is; a run without an episode gives way.
+        """Make the folder that run's, or check that it is.
 
         `scenes` are rooms that the tasks bring along, by their path below the folder.
 
@@ -113,17 +124,18 @@ class RunFolder:
             check_sealed(self.path)
             known = kind_in(self.path) is not None
             found = Header.read(self.path).apart(header) if known else ["header: none"]
-            if found and self._has_records():
+            if found and (known or self._has_records()):
                 reason = "this folder holds a run of something else:\n  " + "\n  ".join(found)
                 raise FileError(path, reason, fix=fix)
-            if found:
-                folders.clear(self.path)
         if not path.exists():
             data = to_json(header, indent=2)
             folders.begin(self.path, data)
-            write_atomic(path, data)
+            write_atomic(inside(self.path, HEADER), data)
         for name, content in scenes.items():
-            replace_file(self.path / name, content)
+            place = inside(self.path, name)
+            if place.exists() and read_bytes(place) != content:
+                raise FileError(place, "is not the room that the tasks bring along", fix=fix)
+            replace_file(place, content)
 
     def _has_records(self) -> bool:
         path = self.path / EPISODES
@@ -160,27 +172,27 @@ class RunFolder:
                 kept = {key: kept[key] for key in kept if key not in keys}
         timings = {key: timings[key] for key in kept}
         if kept.keys() != found.keys():
-            (self.path / RESULTS).unlink(missing_ok=True)  # it is not finished any more
+            self._unfinish()
         self._rewrite(kept, timings)
         return list(kept.values()), timings
 
     def reopen(self) -> None:
         """Take back what says that the run is finished, as more is to be done."""
-        for name in (RESULTS, NOT_RUN, TABLE):
-            (self.path / name).unlink(missing_ok=True)
+        self._unfinish()
+        (self.path / NOT_RUN).unlink(missing_ok=True)
 
     def put_aside(self, one: NotRun) -> None:
         """Keep why an episode was not run."""
-        append_line(self.path / NOT_RUN, to_json(one))
+        append_line(inside(self.path, NOT_RUN), to_json(one))
 
     def commit(self, one: Finished) -> None:
         """See an episode to the disk; it is done when this returns."""
         for name, data in one.files.items():
-            if not (self.path / name).exists():
-                write_atomic(self.path / name, data)
+            if not (place := inside(self.path, name)).exists():
+                write_atomic(place, data)
         self._write_steps(one)
-        append_line(self.path / TIMINGS, to_json(one.timing))
-        append_line(self.path / EPISODES, to_json(one.record))
+        append_line(inside(self.path, TIMINGS), to_json(one.timing))
+        append_line(inside(self.path, EPISODES), to_json(one.record))
 
     def put_only(self, header: Header, one: Finished) -> None:
         """Have one episode that nobody judges in the folder, in place of itself before."""
@@ -193,7 +205,7 @@ class RunFolder:
         }
         self._write_steps(one)
         for name, data in files.items():
-            replace_file(self.path / name, data)
+            replace_file(inside(self.path, name), data)
         sealed = [EPISODES, *self._logs([key_of(one.record)]), *one.files]
         folders.seal(self.path, sealed, b"[]\n")
 
@@ -214,14 +226,19 @@ class RunFolder:
         made = dict(add_up([by_key[key] for key in order]))
         results = made.pop(RESULTS)
         for name, data in made.items():
-            replace_file(self.path / name, data)
+            folders.write_made(inside(self.path, name), data)
         folders.seal(self.path, [EPISODES, *self._logs(order)], results)
 
     # ------------------------------------------------------------- parts
 
     def _write_steps(self, one: Finished) -> None:
         for name in self._logs([key_of(one.record)]):
-            write_atomic(self.path / name, packed(one.steps))
+            write_atomic(inside(self.path, name), packed(one.steps))
+
+    def _unfinish(self) -> None:
+        """Remove the results, as the run is not finished any more."""
+        folders.check_results(self.path)
+        (self.path / RESULTS).unlink(missing_ok=True)
 
     def _logs(self, keys: Iterable[Key]) -> list[str]:
         """Return the names of the step logs of episodes; none where none are kept."""
@@ -233,4 +250,4 @@ class RunFolder:
         for name, lines in ((TIMINGS, timings), (EPISODES, records)):
             data = b"".join(to_json(line) for line in lines.values())
             if data or (self.path / name).exists():
-                replace_file(self.path / name, data)
+                replace_file(inside(self.path, name), data)

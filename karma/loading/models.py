@@ -11,7 +11,7 @@ import msgspec
 from msgspec.structs import force_setattr
 
 from karma import registry
-from karma.agent.planning.prompt import GOALS, TOOLS, render
+from karma.agent.planning.prompt import TOOLS, program_profile, render
 from karma.agent.seeing.eyes import METADATA
 from karma.errors import KarmaError, ModelError, RequestRefused, did_you_mean
 from karma.loading.names import MODELS, check_models, whole_name
@@ -175,13 +175,12 @@ def load_resources(
         seed=seed,
     )
     embedder = filled("embedders", models.embedder, models.hosted.embedder, session, models)
-    count, goals = _count(models, profile), profile == GOALS
     return Resources(
         model=model,
         profile=profile,
         decoding=decoding,
         reader=None if is_hosted else reader_for(models.planner, embedder),
-        examples=examples_for(count, embedder, goals=goals),
+        examples=examples_for(_count(models, profile), embedder),
         recall=_recall(models.recall, embedder, maps),
         vision=filled("vision_models", models.vision, models.hosted.vision, session, models),
         maps=maps,
@@ -227,9 +226,7 @@ def for_row(
 
 def _profile(mode: str, of_run: str) -> str:
     """Return a row's prompt profile; programs are asked for by the run's own, or the full one."""
-    if mode == "program":
-        return "full" if of_run in (GOALS, TOOLS) else of_run
-    return mode or of_run
+    return program_profile(of_run) if mode == "program" else mode or of_run
 
 
 def _recall(name: str, embedder: Embedder | None, maps: Path | None) -> Recall:
@@ -265,8 +262,7 @@ def check_asked(model: LanguageModel, profile: str) -> None:
 
     if not isinstance(model, LlamaModel):
         return  # a server says so itself
-    asked = "full" if profile in (GOALS, TOOLS) else profile
-    smallest = render(asked, PlanRequest(instruction="Open the fridge."))
+    smallest = render(profile, PlanRequest(instruction="Open the fridge."))
     try:
         model.check(smallest.prompt)
     except RequestRefused as error:

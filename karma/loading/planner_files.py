@@ -4,16 +4,17 @@ import hashlib
 from collections.abc import Sequence
 from contextlib import suppress
 from copy import copy
-from functools import lru_cache, partial
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from karma import registry
 from karma.agent.planning.expert import ExpertView
-from karma.agent.planning.goal_lines import as_lines, plain_program
+from karma.agent.planning.plain_program import plain_program
 from karma.errors import KarmaError
-from karma.files import cache, read_bytes, shipped, write_atomic
+from karma.files import cache as cache_folder
+from karma.files import read_bytes, shipped, write_atomic
 from karma.goals.files import load_said
 from karma.models.embed.minilm import FILES
 from karma.models.manifest import (
@@ -124,11 +125,11 @@ def bank_file() -> Path:
     return shipped("eval") / "requests" / "written.jsonl"
 
 
-@lru_cache(maxsize=2)
-def read_bank(*, goals: bool = False) -> tuple[WorkedExample, ...]:
+@cache
+def read_bank() -> tuple[WorkedExample, ...]:
     """Return the sentences that ship, with their programs, less those to be refused."""
-    write = as_lines if goals else partial(plain_program, view=ExpertView())
-    found = ((one.text, write(one.wanted)) for one in load_said(bank_file()) if one.goals)
+    said = (one for one in load_said(bank_file()) if one.goals)
+    found = ((one.text, plain_program(one.wanted, ExpertView())) for one in said)
     return tuple(
         WorkedExample(instruction=text, program="\n".join(map(str, calls)))
         for text, calls in found
@@ -143,7 +144,7 @@ def kept_vectors(embedder: Embedder, texts: Sequence[str]) -> Vectors:
     written, or what is there is damaged, they are computed.
     """
     key = hashlib.sha256("\0".join([*FILES.values(), *texts]).encode()).hexdigest()
-    path = cache() / "vectors" / f"{key}.f32"
+    path = cache_folder() / "vectors" / f"{key}.f32"
     shape = len(texts), embedder.dimension
     with suppress(KarmaError, OSError):
         data = read_bytes(path)
@@ -156,12 +157,10 @@ def kept_vectors(embedder: Embedder, texts: Sequence[str]) -> Vectors:
     return vectors
 
 
-def examples_for(
-    count: int, embedder: Embedder | None = None, *, goals: bool = False
-) -> Examples | None:
+def examples_for(count: int, embedder: Embedder | None = None) -> Examples | None:
     """Return what finds a planner's examples, the nearest last; None for none."""
     if not count:
         return None
-    embedder, bank = learnt_embedder(embedder), read_bank(goals=goals)
+    embedder, bank = learnt_embedder(embedder), read_bank()
     memory = ExampleMemory(embedder, bank, kept_vectors(embedder, [e.instruction for e in bank]))
     return lambda instruction: memory.nearest(instruction, count)[::-1]

@@ -169,7 +169,7 @@ class Resources:
     """What a run has loaded once, for all of its methods."""
 
     model: LanguageModel  # the planner's
-    profile: str  # of its prompts: "compact", "full" or "goals"
+    profile: str  # of its prompts: "compact", "full"; or a mode, "goals", "tools"
     decoding: Decoding = field(default_factory=Decoding)
     listen: Listener | None = None  # hears the planner's answers as they come
     reader: PhraseReader | None = None  # for a planner that was trained with hints

@@ -15,7 +15,7 @@ from karma.household.types import object_types
 from karma.household.uses import with_wholes
 from karma.types.memory import Area, Known, MemoryUnit
 from karma.types.observation import SeenObject
-from karma.types.planning import FailedProgram, Hint, Meaning, PlanRequest
+from karma.types.planning import FailedProgram, Hint, Meaning, PlanRequest, WorkedExample
 
 AREAS = (
     Area(name="node_1", position_m=(0.0, 0.9, 0.0), contains=("Chair", "CounterTop", "Fridge")),
@@ -99,6 +99,15 @@ def test_full_profile_s_examples_are_programs():
     assert len(parse_program(examples)) == 10
     for skill in (*SKILLS, *OUR_SKILLS):
         assert f"\n{skill.name}(robot" in stable
+
+
+def test_worked_examples_are_turns_of_the_full_prompt():
+    example = WorkedExample(instruction="tidy up", program="GoToObject(robot, 'Pen')")
+    plain = render("full", FACTS).prompt
+    prompt = render("full", replace(FACTS, examples=(example,))).prompt
+    asked = "# Instruction: tidy up\n# Program (skill calls only)\n"
+    assert prompt == replace(plain, turns=((asked, example.program),))
+    assert prompt.before == f"{plain.stable}{asked}{example.program}\n"
 
 
 # ----------------------------------------------------------------- short names

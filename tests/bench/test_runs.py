@@ -26,7 +26,6 @@ from support.run_files import (
     write_experiment,
 )
 
-from karma.agent.seeing.picture_states import PICTURES, picture_name
 from karma.bench.engine.run import Run
 from karma.bench.figures.columns import added_up
 from karma.errors import FileError, KarmaError
@@ -273,7 +272,7 @@ def test_changed_input_is_refused_by_name_and_with_the_fix(whole, tmp_path, what
     with pytest.raises(FileError, match=named) as caught:
         Run(other, run)
     assert f"{run / HEADER}: this folder holds a run of something else" in str(caught.value)
-    assert f"--out another folder, or karma eval {other} --fresh, which throws" in str(caught.value)
+    assert f"--out another folder, or karma eval {other} --fresh, which sets" in str(caught.value)
     assert files(run) == files(folder)
 
 
@@ -330,20 +329,6 @@ def test_folder_of_an_earlier_version_is_refused_with_the_fix(planner, tmp_path,
     assert Run(path, folder, fresh=True).records == []
     with pytest.raises(FileError, match="there is no run in this folder"):
         read_run(tmp_path)
-
-
-def test_fresh_run_forgets_what_the_earlier_one_left_and_nothing_else(whole, tmp_path):
-    path, folder = whole
-    run = copy(folder, tmp_path / "run")
-    theirs = ("notes.txt", "maps/mine.txt", "steps/mine.gz", f"{PICTURES}/mine.txt")
-    for name in theirs:
-        (run / name).parent.mkdir(parents=True, exist_ok=True)
-        (run / name).write_text("mine")
-    (run / PICTURES / f"{picture_name(b'seen')}.png").write_bytes(b"seen")
-    assert Run(path, run, fresh=True).records == []
-    left = {p.relative_to(run).as_posix() for p in run.rglob("*") if p.is_file()}
-    assert left == {HEADER, MARK, *theirs}
-    assert all((run / name).read_text() == "mine" for name in theirs)
 
 
 def test_header_that_the_run_did_not_write_is_refused_and_stays(whole, tmp_path):

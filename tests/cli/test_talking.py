@@ -21,7 +21,15 @@ def told(tmp_path, monkeypatch):
 
     def run(answer, instruction, *options):
         with wire_server(lambda *_: chat(answer, usage=USAGE)) as (url, requests):
-            arguments = ["run", instruction, "--planner", "openai", "--base-url", url]
+            arguments = [
+                "run",
+                instruction,
+                "--planner",
+                "openai",
+                "--base-url",
+                url,
+                "--mode=full",
+            ]
             arguments += [
                 "--model",
                 "big",

@@ -95,6 +95,7 @@ THEIRS = {
     "a sweep.json": {"sweep.json": "mine", "table.md": "mine", "cells/a/x": "mine"},
     "a figure's cells": {"cells/type-m.json": "mine", "claims.md": "mine"},
     "a mark that is none": {MARK: "mine", "episodes.jsonl": "mine"},
+    "another's mark": {MARK: '{"made by": "another tool"}', "maps/a.json": "mine"},
 }  # fmt: skip
 
 
@@ -130,18 +131,85 @@ def test_finished_folder_is_no_other_command_s(commands, finished, tmp_path, kin
 
 
 @pytest.mark.parametrize("kind", ["run", "benchmark", "figure"])
-def test_fresh_start_keeps_what_somebody_has_put_beside_and_ends_in_the_same_files(
+def test_fresh_start_sets_the_earlier_folder_aside_with_all_that_is_in_it(
     commands, finished, tmp_path, kind
 ):
-    folder = tmp_path / "again"
-    shutil.copytree(finished(kind), folder)
-    theirs = ("notes.txt", "cells/notes.txt", "maps/mine.txt", "steps/notes.txt")
-    for name in theirs:
-        (folder / name).parent.mkdir(exist_ok=True)
-        (folder / name).write_text("mine")
+    real, folder = tmp_path / "real", tmp_path / "a link"
+    shutil.copytree(finished(kind), real)
+    folder.symlink_to(real)
+    for name in ("notes.txt", "maps/mine.json", "figure-mine.png", "results.json.mine"):
+        (real / name).parent.mkdir(exist_ok=True)
+        (real / name).write_text("mine")
+    before = contents(real)
     done = told(commands[kind], folder, "--fresh")
     assert done.exit_code == 0, done.output
-    assert all((folder / name).read_text() == "mine" for name in theirs)
-    names = {name for name, data in contents(folder).items() if data is not None}
-    whole = {name for name, data in contents(finished(kind)).items() if data is not None}
-    assert names == whole | set(theirs)
+    assert f"the earlier run is kept: {tmp_path / 'real.1'}" in done.output
+    assert contents(tmp_path / "real.1") == before
+    assert folder.is_symlink() and contents(real).keys() == contents(finished(kind)).keys()
+    assert told(commands[kind], folder, "--fresh").exit_code == 0
+    assert contents(tmp_path / "real.1") == before and (tmp_path / "real.2").exists()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_command_goes_by_no_link_out_of_its_folder(commands, tmp_path, kind):
+    """The folder is taken, then a link to somebody's folder or file comes into the way."""
+    folder, theirs = tmp_path / "run", tmp_path / "theirs"
+    theirs.mkdir()
+    (theirs / "a.txt").write_text("mine")
+    folder.mkdir()
+    for name in ("header.json", "episodes.jsonl", "steps"):
+        (folder / name).symlink_to(theirs / "a.txt" if "." in name else theirs)
+    for fresh in ([], ["--fresh"]) if kind in ("run", "benchmark", "figure") else ([],):
+        assert told(commands[kind], folder, *fresh).exit_code == 1
+    (folder / MARK).write_text("{}")
+    assert told(commands[kind], folder).exit_code == 1
+    assert contents(theirs) == {"a.txt": b"mine"}
+    assert all(one.is_symlink() or one.name == MARK for one in folder.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("kind", "command", "names"),
+    [
+        ("run", "report", ["report.html"]),
+        ("run", "table", ["table.md", "table.csv"]),
+        ("benchmark", "report", ["report.html"]),
+        ("benchmark", "table", ["table.md"]),
+        ("figure", "report", ["report.html"]),
+        ("talk", "report", ["report.html"]),
+    ],
+)
+def test_page_and_table_replace_only_what_their_command_has_made(
+    finished, tmp_path, kind, command, names
+):
+    run, theirs = tmp_path / "run", tmp_path / "theirs"
+    shutil.copytree(finished(kind), run)
+    theirs.write_text("mine")
+
+    def again():
+        return CliRunner().invoke(app, [command, str(run)])
+
+    assert [again().exit_code, again().exit_code] == [0, 0]  # its own is replaced
+    for name in names:
+        made = (run / name).read_bytes()
+        (run / name).write_text("mine")
+        done = again()
+        assert (done.exit_code, (run / name).read_text()) == (1, "mine"), done.output
+        assert f"{name}: there already, and not made by this command" in done.output
+        (run / name).unlink()
+        (run / name).symlink_to(theirs)
+        assert again().exit_code == 1
+        assert theirs.read_text() == "mine"
+        (run / name).unlink()
+        (run / name).write_bytes(made)
+    (run / MARK).write_text('{"made by": "another tool"}')
+    before = contents(run)
+    assert (again().exit_code, contents(run)) == (1, before)
+
+
+def test_results_that_the_run_did_not_write_are_refused(commands, finished, tmp_path):
+    run = tmp_path / "run"
+    shutil.copytree(finished("run"), run)
+    (run / "results.json").write_text("mine")
+    before = contents(run)
+    done = told(commands["run"], run)
+    assert (done.exit_code, contents(run)) == (1, before), done.output

@@ -6,7 +6,7 @@ action itself tells (a tap ran over it, its door is shut) is "done, not seen". N
 world.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 from typing import Literal, get_args
@@ -14,7 +14,7 @@ from typing import Literal, get_args
 from karma.agent.planning.program import PUTS, SWITCH_AFTER
 from karma.agent.seeing.perceive import place_of
 from karma.household.ids import is_part, root_id, type_of
-from karma.household.pieces import EGG, base_type, goes_by, piece_type
+from karma.household.pieces import EGG, goes_by, piece_type
 from karma.household.places import FLOOR, HAND
 from karma.household.saying import name_of, preposition, told_place
 from karma.household.skill_effects import BeliefState, changes
@@ -36,13 +36,10 @@ from karma.types.planning import SkillCall
 Group = Literal["moved", "changed", "switched", "doors"]  # in the order of the report
 _REPORTED = ("cleaned", "heated", "cooled", "sliced", "broken", "empty")
 _AWAY = {HAND: HAND, FLOOR: "away"}
-_SKILLS_OF: Mapping[Group, tuple[str, ...]] = {
-    "moved": ("put", "take", "throw"), "switched": ("on", "off"), "doors": ("open", "close"),
-}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
-class _End:
+class IntendedState:
     """The state that the last action on an object is to leave it in."""
 
     group: Group
@@ -71,7 +68,7 @@ def checked(
 
     `calls` have the ids of known objects; `results` are of the calls that were tried.
     """
-    found, ends = [], _ends_of(calls, results)
+    found, ends = [], ends_of(calls, results)
     groups = {end.group for end in ends}
     for end in ends:
         if not _is_a_means(end, groups):
@@ -80,36 +77,9 @@ def checked(
     return tuple(found)
 
 
-def taken_back(
-    earlier: Sequence[SkillResult],
-    later: Sequence[SkillResult],
-    own: Collection[tuple[str, str]],
-    asked: Collection[tuple[str, str]],
-) -> tuple[Check, ...]:
-    """Return what later calls undid of earlier calls.
-
-    `own` and `asked` are actions with types of objects, of the first request and of the later
-    requests: an effect that was only on the way does not matter, and an effect that a later request
-    undoes is meant to be undone.
-    """
-    before, after = (
-        {(end.group, end.name): end for end in _ends_of([result.call for result in done], done)}
-        for done in ([one for one in earlier if one.ok], [one for one in later if one.ok])
-    )
-    found = []
-    for key, end in before.items():
-        now, kind = after.get(key), base_type(type_of(end.name))
-        deeds = _SKILLS_OF.get(end.group, ())
-        wanted, meant = (any((deed, kind) in some for deed in deeds) for some in (own, asked))
-        if wanted and not meant and now and str(now) != str(end):
-            note = f"now it is {str(now).partition(' is ')[2]}"
-            found.append(Check(text=str(end), found="otherwise", note=note))
-    return tuple(found)
-
-
-def _ends_of(calls: Sequence[SkillCall], results: Sequence[SkillResult]) -> list[_End]:
+def ends_of(calls: Sequence[SkillCall], results: Sequence[SkillResult]) -> list[IntendedState]:
     """Return the last intended state of each object, by group; `results` are of the tried calls."""
-    ends: dict[tuple[str, ...], _End] = {}
+    ends: dict[tuple[str, ...], IntendedState] = {}
     beliefs = BeliefState()
     for call, result in zip_longest(calls, results[: len(calls)]):
         ok = result is not None and result.ok
@@ -120,21 +90,21 @@ def _ends_of(calls: Sequence[SkillCall], results: Sequence[SkillResult]) -> list
                 away = _AWAY.get(place.name)
                 ends.pop(("moved", name), None)
                 link, at = away or ("near" if place.beside else "in"), "" if away else place.name
-                ends["moved", name] = _End("moved", name, link, at, ok)
+                ends["moved", name] = IntendedState("moved", name, link, at, ok)
             elif word in END_STATES.values():
                 group: Group = "switched" if word in ("on", "off") else "doors"
-                ends[group, name] = _End(group, name, word, happened=ok)
+                ends[group, name] = IntendedState(group, name, word, happened=ok)
             elif word in _REPORTED and not (
                 word == "heated" and MICROWAVE not in beliefs.within(item)
             ):
                 ended = [ends.pop(("changed", name, other), None) for other in deletes if ok]
                 if word != "cooled" or any(ended):  # else its place, the fridge, tells it
-                    ends["changed", name, word] = _End("changed", name, word, happened=ok)
+                    ends["changed", name, word] = IntendedState("changed", name, word, happened=ok)
         beliefs = beliefs.changed(made)
     return sorted(ends.values(), key=lambda end: get_args(Group).index(end.group))
 
 
-def _is_a_means(end: _End, groups: Collection[Group]) -> bool:
+def _is_a_means(end: IntendedState, groups: Collection[Group]) -> bool:
     """Return whether a switch or door was only used for an effect that is reported already."""
     kind = type_of(end.name)
     if end.word in ("on", "off") and (kind in (*TAPS, *TAP_OF, MICROWAVE)):
@@ -158,7 +128,7 @@ def _with_ids(call: SkillCall, ids: Sequence[str]) -> SkillCall:
     return replace(call, objects=tuple(objects), turn=0)
 
 
-def _judged(end: _End, experience: Experience) -> tuple[Found, str]:
+def _judged(end: IntendedState, experience: Experience) -> tuple[Found, str]:
     """Return whether an intended state was observed, and a note."""
     name, word, held = end.name, end.word, experience.held
     if end.group == "changed":
@@ -185,7 +155,7 @@ def _judged(end: _End, experience: Experience) -> tuple[Found, str]:
     return "otherwise", f"it is {told_place(place_of(known))}" if end.group == "moved" else ""
 
 
-def _changed(end: _End, experience: Experience) -> tuple[Found, str]:
+def _changed(end: IntendedState, experience: Experience) -> tuple[Found, str]:
     """Return whether a changed state was observed, and a note."""
     name, word = end.name, end.word
     if not end.happened:

@@ -6,7 +6,7 @@ Those are furniture by name, what is in sight, what failed, and what skills need
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 
 from karma.agent.planning.program import SKILL_OF
@@ -30,7 +30,6 @@ from karma.household.uses import (
 from karma.types.memory import Area, Known, MemoryUnit
 from karma.types.observation import SeenObject
 from karma.types.planning import FailedProgram, PlanRequest
-from karma.types.space import Vec3
 
 _ID = re.compile(r"\b[A-Z]\w*\|[\w|+.\-]*\w")
 
@@ -169,37 +168,17 @@ _LINES = 40  # of a failed program that are shown
 _WIDTH = 160  # characters of one of its lines
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AreaLine:
-    """One area node as the prompt has it."""
+def with_furniture(area: Area, names: Mapping[str, str]) -> Area:
+    """Return an area whose contents are named furniture with its place, then types without either.
 
-    name: str
-    position_m: Vec3
-    adjacent: tuple[str, ...]
-    things: tuple[str, ...]  # named furniture with its place, then types without either
-
-
-def area_line(area: Area, names: Mapping[str, str]) -> AreaLine:
-    """Return an area with its furniture.
-
-    `names` are furniture's (-> id); an area without fixtures has its types told.
+    `names` are furniture's (-> id).
     """
     name_of = {object_id: name for name, object_id in names.items()}
     named = _placed(area.fixtures, name_of)
     spoken = {*with_wholes(one.object_type for one in area.fixtures if one.object_id in name_of)}
     spoken |= {*_UNSAID, *(basin for basin, whole in WHOLE_OF.items() if whole in area.contains)}
     rest = [kind for kind in area.contains if kind not in spoken]
-    return AreaLine(
-        name=area.name, position_m=area.position_m, adjacent=area.adjacent, things=(*named, *rest)
-    )
-
-
-def furniture(areas: Sequence[Area], names: Mapping[str, str]) -> list[str]:
-    """Return what furniture a map has, by name without places, and types of what has no name."""
-    lines = [area_line(replace(area, fixtures=()), {}) for area in areas]
-    spoken = {short_type(one) for one in names}
-    rest = dict.fromkeys(kind for line in lines for kind in line.things if kind not in spoken)
-    return in_runs([*names, *rest])
+    return replace(area, contains=(*named, *rest))
 
 
 def coarse_text(position_m: Sequence[float]) -> str:

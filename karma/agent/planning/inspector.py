@@ -226,7 +226,7 @@ def narrowed(
     )
     found: list[tuple[str, tuple[tuple[str, ...], ...]]] = []
     for skill in skills:
-        if skill.name in ("PutNear", "Near"):
+        if skill.name == "PutNear":
             found.append((skill.name, (held, tuple(names))))
         elif skill.arguments == ("object", "object"):
             found.append((skill.name, (held, places)))

@@ -5,10 +5,9 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, Self
 
 from karma.agent.planning.first_program import substitution
-from karma.agent.planning.goal_lines import program_for
 from karma.agent.planning.inspector import mend, narrowed, objection
 from karma.agent.planning.program import SKILLS
-from karma.agent.planning.prompt import GOALS, render, skills_of
+from karma.agent.planning.prompt import render, skills_of
 from karma.agent.planning.recovery import Recovered, program_of
 from karma.agent.planning.refused import KNOWN, cannot_be, with_words
 from karma.agent.planning.turns import with_turns
@@ -50,10 +49,6 @@ class Planner:
         return cls(
             given.model, given.profile, given.decoding, given.reader, given.listen, given.examples
         )
-
-    def drawn_by(self, decoding: Decoding) -> "Planner":
-        """Return the same planner with its answers drawn otherwise."""
-        return replace(self, decoding=decoding)
 
     def plan(self, request: PlanRequest) -> Iterator[Plan]:
         """Ask until an answer parses and could work, at most `attempts` times; yields every answer.
@@ -139,8 +134,6 @@ class Planner:
             listen=self.listen,
         )
         answer = _read(completion, skills, refusing=refusing)
-        if self.profile == GOALS and answer.calls:
-            answer = _done_for(answer, request, rendered.names)
         if answer.refused and (reason := cannot_be(answer.refused, request)):
             answer = _no_program((completion.text.strip(),), 0, reason)
         return Plan(
@@ -199,14 +192,6 @@ def _is_unsure(answer: Plan) -> bool:
     return answer.refused is not None and chance is not None and chance < MIN_REFUSAL_CHANCE
 
 
-def by_no_model(text: str = "") -> Completion:
-    """Return the completion of an answer that no model gave."""
-    return Completion(
-        text=text, finish="stop", prompt_tokens=0, reused_tokens=0, completion_tokens=0,
-        first_token_s=None, total_s=0.0,
-    )  # fmt: skip
-
-
 def _read(completion: Completion, skills: Sequence[Skill], *, refusing: bool) -> Recovered:
     """Return the calls of an answer, that it refuses the request, or why it is refused itself."""
     lines = tuple(completion.text.rstrip().split("\n"))
@@ -226,14 +211,6 @@ def _no_program(lines: tuple[str, ...], failed: int | None, reason: str) -> Reco
     return Recovered(error=reason, failure=failure)
 
 
-def _done_for(answer: Recovered, request: PlanRequest, names: Mapping[str, str]) -> Recovered:
-    """Return the program for an answer of goal lines."""
-    calls = program_for(answer.calls, request.units, names)
-    if calls:
-        return replace(answer, calls=calls)
-    return _no_program(tuple(map(str, answer.calls)), None, "these lines leave nothing to do")
-
-
 def _refused(answer: Plan, kind: RefusalKind, by: Literal["guard", "inspector"], why: str) -> Plan:
     """Return an answer that refuses the request."""
     refused = RefusedRequest(kind=kind, by=by, words=(why,))
@@ -244,13 +221,6 @@ def objected(answer: Plan, line: int, reason: str, error: str = "") -> Plan:
     """Return a plan with the objection to a line of its program."""
     failure = FailedProgram(lines=tuple(map(str, answer.calls)), failed=line, reason=reason)
     return replace(answer, error=error or reason, failure=failure)
-
-
-def known_here(request: PlanRequest) -> frozenset[str]:
-    """Return the types that the agent knows of in this room."""
-    kinds = {kind for area in request.areas for kind in area.contains}
-    kinds |= {unit.object_type for unit in request.units}
-    return frozenset(kinds | {one.object_type for one in request.seen})
 
 
 def program_spec(

@@ -1,4 +1,4 @@
-"""What the planner is told: fill the two prompt profiles, nothing else.
+"""The prompts for programs: fill the two profiles, nothing else.
 
 `full` follows KARMA Fig. 8 for instruction-tuned models; `compact` says the same in a notation
 that a few million parameters can read. Both cut the text at the same place: what stays the same
@@ -15,38 +15,36 @@ from types import MappingProxyType
 import jinja2
 
 from karma.agent.planning.full_profile import (
-    area_line,
     by_place,
     coarse_text,
     doors_and_switches,
     failed_line,
     failed_program,
     fixture_names,
-    furniture,
     name_for,
     off_the_map,
     place_name,
     short_names,
     skill_needs,
     stand_ins,
+    with_furniture,
 )
-from karma.agent.planning.goal_lines import GOAL_LINES
 from karma.agent.planning.program import OUR_SKILLS, SKILLS
 from karma.errors import UnknownNameError, did_you_mean
 from karma.household.pieces import base_type
 from karma.household.places import HAND, landmark_types
 from karma.types.memory import Area, MemoryUnit
 from karma.types.planning import Hint, PlanRequest, Prompt, Skill
-from karma.types.space import Vec3
 
-GOALS = "goals"  # the profile that asks what is to be so, not for skills
+GOALS = "goals"  # the mode in which the model answers goals, see `karma.agent.goal_mode`
 TOOLS = "tools"  # the mode in which the model calls tools, see `karma.agent.tools`
 PROFILES: Mapping[str, tuple[Skill, ...]] = MappingProxyType(
-    {"compact": SKILLS, "full": (*SKILLS, *OUR_SKILLS), GOALS: GOAL_LINES}
-)  # and what each offers to write: skills, or goals; the nano planner has learnt 13 skills
+    {"compact": SKILLS, "full": (*SKILLS, *OUR_SKILLS)}
+)  # and the skills that each offers; the nano planner has learnt 13
 _ID_REST = re.compile(r"\|[^'\s;,]*")  # what follows the type in an object id
 
 _PROMPTS = Path(__file__).parent / "prompts"
+_EXAMPLE = "# Instruction: {}\n# Program (skill calls only)\n"  # as a request ends
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,8 +55,18 @@ class Rendered:
     names: Mapping[str, str]
 
 
+def program_profile(mode: str) -> str:
+    """Return the profile in which a method asks for programs, also where the run's mode has none.
+
+    >>> program_profile("compact"), program_profile(GOALS)
+    ('compact', 'full')
+    """
+    return "full" if mode in (GOALS, TOOLS) else mode
+
+
 def skills_of(profile: str) -> tuple[Skill, ...]:
     """Return the skills that a profile offers; UnknownNameError if there is none of that name."""
+    profile = program_profile(profile)
     if profile not in PROFILES:
         hint = did_you_mean(profile, PROFILES)
         raise UnknownNameError(f"no prompt profile named {profile!r}.{hint} {tuple(PROFILES)}")
@@ -77,7 +85,7 @@ def render(profile: str, request: PlanRequest, *, refusing: bool = False) -> Ren
     skills = skills_of(profile)
     if profile == "compact":
         return compact(request)
-    return full(request, skills, refusing=refusing, goals=profile == GOALS)
+    return full(request, skills, refusing=refusing)
 
 
 def compact_areas(areas: Sequence[Area]) -> str:
@@ -154,14 +162,8 @@ def compact(request: PlanRequest) -> Rendered:
     return Rendered(prompt=prompt, names=names)
 
 
-def full(
-    request: PlanRequest,
-    skills: Sequence[Skill],
-    *,
-    refusing: bool = False,
-    goals: bool = False,
-) -> Rendered:
-    """Fill the profile of KARMA Fig. 8, for skills or for goals."""
+def full(request: PlanRequest, skills: Sequence[Skill], *, refusing: bool = False) -> Rendered:
+    """Fill the profile of KARMA Fig. 8; worked examples are turns of a chat."""
     held = (request.held_id, request.held_type) if request.held_id and request.held_type else None
     standing = [one for one in request.seen if not one.pickupable and not request.graph_text]
     areas = () if request.graph_text else request.areas
@@ -179,10 +181,8 @@ def full(
         skills=skills,
         needs=skill_needs(),
         refusing=refusing,
-        goals=goals,
         graph=request.graph_text,
-        areas=[area_line(area, fixtures) for area in request.areas],
-        furniture=furniture(request.areas, fixtures) if goals else (),
+        areas=[with_furniture(area, fixtures) for area in request.areas],
     )
     changing = template(_PROMPTS / "full_changing.txt").render(
         units=[(name_of[unit.object_id], unit) for unit in request.units],
@@ -194,23 +194,15 @@ def full(
         missing=dict.fromkeys(name_for(name, {}) for name in request.missing),
         earlier=dict.fromkeys(failed_line(one, name_of) for one in request.failures[:-1]),
         failed=failed_program(request, name_of),
-        examples=request.examples,
         whole=request.whole,
         hints=request.hints,
         instruction=request.instruction,
         fields=request.advice.actions,
-        goals=goals,
     )
-    return Rendered(prompt=Prompt(stable=stable, changing=changing), names=names)
-
-
-def position_text(position_m: Vec3) -> str:
-    """Return a position to the centimetre.
-
-    >>> position_text((1.0, -0.004, 2.345))
-    '[1.00, 0.00, 2.35]'
-    """
-    return "[" + ", ".join(f"{round(v, 2) + 0.0:.2f}" for v in position_m) + "]"
+    turns = tuple(
+        (_EXAMPLE.format(example.instruction), example.program) for example in request.examples
+    )
+    return Rendered(prompt=Prompt(stable=stable, turns=turns, changing=changing), names=names)
 
 
 @cache
@@ -223,6 +215,5 @@ def template(path: Path) -> jinja2.Template:
         keep_trailing_newline=True,
         autoescape=False,
     )
-    environment.filters["position"] = position_text
     environment.filters["coarse"] = coarse_text
     return environment.from_string(path.read_text(encoding="utf-8"))

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from karma.agent.seeing.projection import placed
-from karma.files import write_atomic
+from karma.files import inside, write_atomic
 from karma.types.observation import Observation, SeenObject
 from karma.types.roles import VisionModel
 from karma.types.space import Frame
@@ -59,8 +59,8 @@ def keep(frame: Frame, folder: Path) -> str:
     """Write a picture into the run folder, once; returns its path below it."""
     data = png(frame)
     name = f"{PICTURES}/{picture_name(data)}.png"
-    if not (folder / name).exists():
-        write_atomic(folder / name, data)
+    if not (path := inside(folder, name)).exists():
+        write_atomic(path, data)
     return name
 
 

@@ -23,7 +23,7 @@ from karma.bench.engine.suite import (
 from karma.bench.figures.tables import to_markdown
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, read_toml, to_json
-from karma.journal.folder import EPISODES, HEADER, RESULTS, TABLE, check_sealed, read_lines
+from karma.journal.folder import EPISODES, HEADER, RESULTS, SIGN, TABLE, check_sealed, read_lines
 from karma.journal.header import Header
 from karma.journal.provenance import model_hashes, versions
 from karma.journal.records import NotRun, PlayedTiming, in_words, read_not_run
@@ -197,4 +197,5 @@ def read_played(folder: Path, header: Header) -> tuple[Benchmark, list[Any]]:
 def written(results: BenchmarkResults) -> bytes:
     """Return the tables as Markdown."""
     caption = " ".join((results.table.caption, *results.remarks))
-    return to_markdown([replace(results.table, caption=caption), *results.behind]).encode()
+    text = to_markdown([replace(results.table, caption=caption), *results.behind]).encode()
+    return text + SIGN + b"\n"

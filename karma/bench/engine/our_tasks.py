@@ -16,6 +16,7 @@ from karma.bench.engine.experiment_file import Changes, read_experiment
 from karma.bench.engine.suite import Chain, Done
 from karma.bench.figures.columns import added_up
 from karma.errors import FileError, KarmaError
+from karma.files import inside
 from karma.goals.files import in_rooms
 from karma.journal.folder import RESULTS
 from karma.journal.header import Header, Options
@@ -152,7 +153,7 @@ class Performer:
         self._maps = suite.folder / MAPS
         resources = load_resources(
             suite.models,
-            maps=self._maps,
+            maps=inside(suite.folder, MAPS),
             seed=suite.experiment.seeds[0],  # of the planner's decoding
             session=session,
         )
@@ -208,7 +209,7 @@ class Performer:
 
     def _know(self, scene: SceneRef) -> None:
         """Have a map of a room as it is, before somebody makes one of it on another day."""
-        path = self._maps / f"{scene.name}.json"
+        path = inside(self._suite.folder, f"{MAPS}/{scene.name}.json")
         if path.exists():
             return
         try:

@@ -19,12 +19,12 @@ from karma.types.tasks import Task
 class Run:
     """An experiment in its folder: of our own tasks, or of a benchmark by its own protocol.
 
-    The folder takes records, header and whatever else episodes leave; `fresh` throws away what
-    an earlier run left there. `changes`, `computed` (keys of its [models] that say how they are
-    computed), `base_url` (of all hosted models) and `steps` (whether to keep step logs) stand
-    in place of what the experiment says; the last is of no use to a benchmark. The cassette records
-    hosted models or stands for them, and is the run's clock. A `suite` is what is done where it is
-    of neither form; then `path` is only named in messages.
+    The folder takes records, header and whatever else episodes leave; `fresh` sets aside the
+    folder of an earlier run, whose path is then `earlier`. `changes`, `computed` (keys of its
+    [models] that say how they are computed), `base_url` (of all hosted models) and `steps` (whether
+    to keep step logs) stand in place of what the experiment says; the last is of no use to a
+    benchmark. The cassette records hosted models or stands for them, and is the run's clock. A
+    `suite` is what is done where it is of neither form; then `path` is only named in messages.
 
     Raises:
         FileError: the experiment is damaged, or the folder holds a run of something else.
@@ -67,9 +67,8 @@ class Run:
         self.not_run: list[NotRun] = []  # of those that were tried last
         self.timings: dict[Key, Any] = {}
         self.chains = tuple(self.suite.chains(self.experiment.seeds))
+        self.earlier = self._make_way(fresh)
         with locked(folder):
-            if fresh:
-                self._files.clear()
             self._claim()
             self._go_on()
 
@@ -150,8 +149,16 @@ class Run:
         if ends:
             raise KarmaError(f"{IN_A_ROW} episodes one after the other were not run: {one.reason}")
 
+    def _make_way(self, fresh: bool) -> Path | None:
+        """Set an earlier run aside; KarmaError where this one's cassette lies in its folder."""
+        tape = self._session.cassette.tape.folder
+        if fresh and tape is not None and tape.resolve().is_relative_to(self.folder.resolve()):
+            fix = "move the cassette out of it, or leave out --fresh"
+            raise KarmaError(f"{self.folder}: the cassette {tape} lies in it\n  To fix: {fix}")
+        return self._files.make_way(self.header, fresh=fresh)
+
     def _claim(self) -> None:
-        fix = f"--out another folder, or karma eval {self.path} --fresh, which throws that run away"
+        fix = f"--out another folder, or karma eval {self.path} --fresh, which sets that run aside"
         self._files.claim(self.header, fix=fix, scenes=self._scenes)
 
     def _go_on(self) -> None:

@@ -116,7 +116,7 @@ class LlamaModel:
         if prompt.pictures:
             raise ModelError(f"{self.name} takes no pictures here; a hosted model may")
         answer = StreamingAnswer(max_seconds, listen)
-        segments = self._cut(prompt)
+        segments = self.segments(prompt)
         prompt_tokens = sum(map(len, segments))
         stable_tokens = prompt_tokens - len(segments[-1])
         spare, room = self._rooms(prompt_tokens, max_tokens)
@@ -164,7 +164,7 @@ class LlamaModel:
             RequestRefused: it leaves no room for an answer.
             ModelError: the chat template cannot render it.
         """
-        self._rooms(sum(map(len, self._cut(prompt))), 1)
+        self._rooms(sum(map(len, self.segments(prompt))), 1)
 
     def choose(
         self, prompt: Sequence[str], continuations: Sequence[str], *, scoring: Scoring = "sum"
@@ -176,7 +176,7 @@ class LlamaModel:
         """Free the model's memory; it cannot be used afterwards."""
         self.gguf.close()
 
-    def _cut(self, prompt: Prompt) -> list[list[int]]:
+    def segments(self, prompt: Prompt) -> list[list[int]]:
         """Return the tokens of the segments that a prompt is decoded in; the last is never empty.
 
         Earlier turns are segments of their own, as what follows them changes.

@@ -152,7 +152,7 @@ class PlannerRow:
 
     def __init__(self, planner: Planner, settings: Any) -> None:
         self.settings = settings
-        self.planner = planner.drawn_by(replace(planner.decoding, inspected=False))
+        self.planner = replace(planner, decoding=replace(planner.decoding, inspected=False))
 
     @classmethod
     def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:

@@ -13,7 +13,6 @@ import numpy as np
 from karma.agent.options import settings_of
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
-from karma.agent.planning.prompt import GOALS
 from karma.agent.tour import position_of
 from karma.errors import FileError, KarmaError, ProgramError
 from karma.files import read_toml
@@ -193,12 +192,9 @@ class HelperMethod(PlannerRow):
     def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
         """Make the row from its options (the fields of `HelperSettings`).
 
-        KarmaError if an option is unknown or of the wrong type, there is no text embedder,
-        or the planner is asked for goals.
+        KarmaError if an option is unknown or of the wrong type, or there is no text embedder.
         """
         settings = settings_of(HelperSettings, options)
-        if resources.profile == GOALS:
-            raise KarmaError('helper\'s examples are programs; name models.profile = "full"')
         if resources.embedder is None:
             raise KarmaError("helper needs a text embedder; name one: models.embedder")
         return cls(Planner.of(resources), resources.embedder, settings)

@@ -136,7 +136,7 @@ class LotaGenerate(PlannerRow):
     def __init__(self, planner: Planner, settings: NoOptions) -> None:
         self.form = "compact" if planner.profile == "compact" else "code"
         self.name = f"LoTa-Bench (modified: generated, {self.form})"
-        self._planner = planner.drawn_by(replace(planner.decoding, attempts=1))
+        self._planner = replace(planner, decoding=replace(planner.decoding, attempts=1))
 
     def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "LotaEpisode":
         """Start an episode: no plans made; only the cells of the floor are known."""

@@ -3,21 +3,14 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from karma.agent.planning.goal_lines import program_for
 from karma.agent.planning.inspector import objection
-from karma.agent.planning.planner import (
-    by_no_model,
-    grounded,
-    held_name,
-    inspected,
-    known_here,
-    objected,
-)
+from karma.agent.planning.planner import grounded, held_name, inspected, objected
 from karma.plugins.rules.language.clauses import plainly, said
 from karma.plugins.rules.request_checker import Guard
-from karma.plugins.rules.request_goals import asked_lines
+from karma.plugins.rules.request_goals import asked_goals, program_for
 from karma.plugins.rules.trimming import trimmed
 from karma.plugins.rules.types import Request
+from karma.types.completion import Completion
 from karma.types.events import Plan, Review
 from karma.types.planning import Advice, FailedProgram, PlanRequest, RefusedRequest, SkillCall
 
@@ -79,8 +72,8 @@ class RequestAnswerChecker:
 
         It passes what an answer has to pass, and stands as an answer of no tokens.
         """
-        lines = asked_lines(self.asked, known_here(request))
-        calls = program_for(lines, request.units, answer.names) if lines else ()
+        goals = asked_goals(self.asked, known_here(request))
+        calls = program_for(goals, request.units, answer.names) if goals else ()
         said = by_no_model("".join(f"{call}\n" for call in calls))
         own = replace(answer, completion=said, calls=calls, error="", failure=None)
         own, _ = inspected(own, request) if calls else (own, "")
@@ -120,6 +113,21 @@ class RequestAnswerChecker:
             calls, lambda some: reason(some) or str(objection(some, held=held) or "")
         )  # fmt: skip
         return (part, "") if part else (calls, wrong)
+
+
+def by_no_model(text: str = "") -> Completion:
+    """Return the completion of an answer that no model gave."""
+    return Completion(
+        text=text, finish="stop", prompt_tokens=0, reused_tokens=0, completion_tokens=0,
+        first_token_s=None, total_s=0.0,
+    )  # fmt: skip
+
+
+def known_here(request: PlanRequest) -> frozenset[str]:
+    """Return the object types that the agent knows of in this room."""
+    kinds = {kind for area in request.areas for kind in area.contains}
+    kinds |= {unit.object_type for unit in request.units}
+    return frozenset(kinds | {sight.object_type for sight in request.seen})
 
 
 def fields_of(asked: Request) -> list[str]:

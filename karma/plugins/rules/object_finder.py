@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 from karma.agent.attempts import Attempts
-from karma.agent.planning.planner import by_no_model
 from karma.agent.seeing.perceive import place_of
 from karma.agent.session import LOOK_OVER, InstructionSession
 from karma.household.ids import root_id, type_of
@@ -18,6 +17,7 @@ from karma.household.saying import name_of, spoken, told_place
 from karma.household.states import NOT_SO, SAID_AS
 from karma.household.types import object_types
 from karma.household.uses import BASINS, BURNER, KNOB, LAMPS, PARTS_OF_FURNITURE, kind_of
+from karma.plugins.rules.answer_checker import by_no_model
 from karma.plugins.rules.deeds import FOR_GOOD, deed_kind
 from karma.plugins.rules.language.request_words import request_words
 from karma.plugins.rules.request_checker import meant_by, stated

@@ -1,37 +1,48 @@
-"""Goal lines of a parsed request, for use when no answer of the planner will do."""
+"""Goals of a parsed request, and their program, for use when no answer of the planner will do."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 
-from karma.agent.planning.goal_lines import COFFEE, GOAL_LINES, HOLD, LINE_OF_STATE, NEAR, PUT
+from karma.agent.planning.expert import ExpertView, NamedThing
+from karma.agent.planning.plain_program import plain_program
 from karma.household import uses
+from karma.household.ids import short_type
 from karma.household.pieces import piece_type
+from karma.household.states import END_STATES, NEEDS
 from karma.household.uses import kind_of, switch_of
 from karma.plugins.rules.deeds import able_to, deed_kind
 from karma.plugins.rules.language.request_words import deed_states
 from karma.plugins.rules.request_checker import Guard, meant_by
 from karma.plugins.rules.types import Mention, Request, SaidDeed
+from karma.types.memory import MemoryUnit
 from karma.types.planning import SkillCall
+from karma.types.tasks import Goal
 
 _MOVES = ("put", "throw")
-_BY_DEED = {"put": PUT, "throw": PUT, "take": HOLD, "coffee": COFFEE}
+_PREDICATES = {state: predicate for predicate, state in END_STATES.items()}
+_NEAR = "NEAR"  # as ON, but beside the second object
+_COFFEE = (
+    Goal(predicate="STATE", arguments=(uses.COFFEE_CUP, "filled")),
+    Goal(predicate="TOGGLEON", arguments=(uses.COFFEE_MACHINE,)),
+)
 
 
-def asked_lines(asked: Request, here: Collection[str]) -> tuple[SkillCall, ...]:
-    """Return the goals of a request as its words were read, for want of a planner's answer.
+def asked_goals(asked: Request, here: Collection[str]) -> tuple[Goal, ...]:
+    """Return the goals of a request in the order of its actions, read from its words alone.
 
-    In the order of the deeds; () where one has no line. Each thing has to be one whole of a type,
-    not one of several, a piece, or known by its past, its state or what lies in it.
+    () if an action has no goal. Each object has to be a whole one of a single type, not one of
+    several, a piece, or identified by its history, its state or its contents.
     """
-    found: list[SkillCall] = []
+    found: list[Goal] = []
     if Guard(asked, here).in_pieces():
         return ()
     for number, deed in enumerate(asked.deeds):
         moved = {kind for one in asked.deeds[number + 1 :] for kind in _moved(one)}
-        lines = [_asked_line(deed, one, here) for one in deed.things or (None,)]
-        if not all(lines):
+        goals = [_asked_goals(deed, thing, here) for thing in deed.things or (None,)]
+        if not all(goals):
             return ()
         held = deed.deed == "take" and moved & {kind for one in deed.things for kind in one.types}
-        found += [line for line in lines if line is not None and not held]
+        found += [goal for some in goals for goal in some if not held]
     return tuple(dict.fromkeys(found))
 
 
@@ -41,19 +52,49 @@ def _moved(deed: SaidDeed) -> Iterator[str]:
         yield from (kind for one in deed.things for kind in one.types)
 
 
-def _asked_line(deed: SaidDeed, thing: Mention | None, here: Collection[str]) -> SkillCall | None:
-    name = _BY_DEED.get(deed.deed) or LINE_OF_STATE.get(deed_kind(deed.deed).leaves, "")
-    name = NEAR if deed.deed == "put" and deed.near else name
-    takes = next((line.takes for line in GOAL_LINES if line.name == name), "")
-    objects = [_asked_type(thing, here, takes or "pickupable")]
+def _asked_goals(deed: SaidDeed, thing: Mention | None, here: Collection[str]) -> tuple[Goal, ...]:
+    """Return the goals of an action with one of its objects, () if the words do not tell them."""
+    if deed.deed == "coffee":
+        return _COFFEE
+    state = deed_kind(deed.deed).leaves
+    what = _asked_type(thing, here, NEEDS.get(state, "pickupable"))
+    arguments: tuple[str, ...]
     match deed.deed:
         case "put":
-            objects.append(_asked_type(deed.place, here, "" if deed.near else "receptacle"))
+            where = _asked_type(deed.place, here, "" if deed.near else "receptacle")
+            predicate, arguments = _NEAR if deed.near else "ON", (what, where)
         case "throw":
-            objects.append(uses.BIN)
-        case "coffee":
-            objects = [uses.COFFEE_CUP]
-    return SkillCall(skill=name, objects=tuple(objects)) if name and all(objects) else None
+            predicate, arguments = "ON", (what, uses.BIN)
+        case "take":
+            predicate, arguments = "HOLDON", ("robot", what)
+        case _ if state in _PREDICATES:
+            predicate, arguments = _PREDICATES[state], (what,)
+        case _:
+            predicate, arguments = "STATE", (what, state)
+    return (Goal(predicate=predicate, arguments=arguments),) if all(arguments) else ()
+
+
+def program_for(
+    goals: Sequence[Goal], units: Sequence[MemoryUnit], names: Mapping[str, str]
+) -> tuple[SkillCall, ...]:
+    """Return the plain program that makes goals true; () if nothing is left to do.
+
+    `units` are those of the prompt, `names` its short names (-> id).
+    """
+    unit_of = {unit.object_id: unit for unit in units}
+    near = {goal.arguments[1] for goal in goals if goal.predicate == _NEAR}
+    known = {name: unit_of[one] for name, one in names.items() if one in unit_of}
+    things = [
+        NamedThing(
+            name=name,
+            object_type=known[name].object_type if name in known else short_type(name),
+            states=known[name].states if name in known else (),
+            holds=name not in near,
+        )
+        for name in (*known, *(near - known.keys()))
+    ]
+    placed = [replace(goal, predicate="ON") if goal.predicate == _NEAR else goal for goal in goals]
+    return plain_program(placed, ExpertView(things=tuple(things)))
 
 
 def _asked_type(one: Mention | None, here: Collection[str], need: str) -> str:

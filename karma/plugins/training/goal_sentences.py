@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from karma.agent.planning.expert import ExpertView
-from karma.agent.planning.goal_lines import plain_program
+from karma.agent.planning.plain_program import plain_program
 from karma.household import uses
 from karma.household.ids import short_type
 from karma.plugins.alfred.sentences import read_demonstrations

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from karma.agent.planning.expert import ExpertView, NamedThing
-from karma.agent.planning.goal_lines import plain_program
+from karma.agent.planning.plain_program import plain_program
 from karma.agent.planning.prompt import compact
 from karma.household.ids import short_type
 from karma.household.pieces import base_type

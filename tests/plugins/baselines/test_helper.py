@@ -276,7 +276,7 @@ def test_full_profile_shows_the_examples_and_the_compact_one_has_no_room(start):
     for profile in ("full", "compact"):
         episode, model = start([MUG], profile=profile)
         plan = next(m for m in do(episode, "Make some coffee.") if isinstance(m, Plan))
-        texts[profile] = model.prompts[0].changing
+        texts[profile] = model.prompts[0].text
         assert plan.examples[0] == "Make coffee in the mug."
         assert len(plan.examples) == 3
     assert "ToggleOn(robot, 'CoffeeMachine')" in texts["full"]

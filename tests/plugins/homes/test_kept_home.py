@@ -23,7 +23,7 @@ OUT = "OpenObject(robot, 'Fridge')\nPickupObject(robot, 'Apple')\nCloseObject(ro
 def left(agent):
     """All that is to be the same tomorrow."""
     room = digest_of(agent._world.last_event)
-    seen = sorted(agent.known.last_seen())
+    seen = sorted(agent.known.room.seen)
     return room, repr(agent.memory), repr(agent.map), seen, agent.home.clock_s
 
 

@@ -280,7 +280,7 @@ def test_other_machine_is_reached_with_leave_only_and_the_header_says_so(tmp_pat
         'base_url = "http://127.0.0.1:9/v1"\nmodel = "m"\n'
     )
     environment = {k: v for k, v in os.environ.items() if k != "KARMA_OFFLINE"}
-    environment["PYTHONPATH"] = str(ROOT / "tests")
+    environment["PYTHONPATH"] = f"{ROOT}{os.pathsep}{ROOT / 'tests'}"
     done = subprocess.run(
         [*namespace, "sh", "-c", WITH_ADDRESS, "sh", sys.executable, "-c", VISIT],
         cwd=tmp_path, env=environment, capture_output=True, text=True, check=True,

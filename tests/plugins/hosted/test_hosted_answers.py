@@ -34,7 +34,7 @@ def experiment(path, url, *, models="", planner=""):
     return path
 
 
-def test_refused_answers_are_kept_whole_with_their_prompts_and_quoted(tmp_path, monkeypatch):
+def test_refused_answers_are_kept_with_their_prompts_and_quoted(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     texts = iter([(FREE, "stop"), (CUT, "length"), (TALK, "stop")])
 
@@ -47,7 +47,7 @@ def test_refused_answers_are_kept_whole_with_their_prompts_and_quoted(tmp_path, 
     with wire_server(answer) as (url, seen):
         done = CliRunner().invoke(app, [
             "run", "Open the fridge.", "--planner", "openai", "--base-url", url, "--model", "m",
-            "--set", "models.constraint=free", "--json", "x.json",
+            "--mode", "full", "--set", "models.constraint=free", "--json", "x.json",
         ])  # fmt: skip
     assert done.exit_code == 0, done.output
     (line,) = json.loads(Path("x.json").read_text())["instructions"]
@@ -55,11 +55,10 @@ def test_refused_answers_are_kept_whole_with_their_prompts_and_quoted(tmp_path, 
     assert [one["program"] for one in line["answers"]] == [FREE, CUT, TALK]
     assert "not a program" in first["error"]
     assert "the answer was cut off" in second["error"]
-    for number, one in enumerate((first, second)):
-        sent = "".join(message["content"] for message in seen[number][1]["messages"])
-        assert one["prompt"] == sent
-        assert "pen the fridge" in sent
-    assert (third["error"], third["prompt"], third["dropped"]) == ("", "", ["Sure!"])
+    for (_, body, _), one in zip(seen, line["answers"], strict=True):
+        assert body["messages"][-1]["content"].endswith(one["prompt"])
+        assert "pen the fridge" in one["prompt"]
+    assert (third["error"], third["dropped"]) == ("", ["Sure!"])
     assert {one["reasoning"] for one in line["answers"]} == {"The fridge."}
     assert {one["constrained"] for one in line["answers"]} == {False}
     assert "cut off" in seen[2][1]["messages"][-1]["content"]

@@ -5,7 +5,8 @@ from dataclasses import replace
 from support.household import bring
 from support.talking import STORE, TAKE, WASH, agent_saying
 
-from karma.agent.body.afterwards import checked, taken_back
+from karma.agent.body.afterwards import checked
+from karma.plugins.rules.talk.undone import taken_back
 from karma.types.events import SkillResult
 from karma.types.memory import Experience
 from karma.types.planning import SkillCall

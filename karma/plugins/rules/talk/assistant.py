@@ -15,7 +15,7 @@ from karma.plugins.rules.language.request import asked_last, check_length
 from karma.plugins.rules.method import reader_of
 from karma.plugins.rules.object_finder import Earlier, Progress
 from karma.plugins.rules.request_executor import RequestExecutor, not_to_open
-from karma.plugins.rules.talk import history
+from karma.plugins.rules.talk import history, undone
 from karma.plugins.rules.talk.offers import (
     corrected,
     is_no,
@@ -156,9 +156,9 @@ class RulesAssistant:
         return told.answer
 
     def _remembering(self) -> Remembering:
-        agent = self._agent
+        agent, room = self._agent, self._agent.known.room
         return Remembering(
-            sights=agent.known.last_seen(),
+            sights={name: (one, room.seen_s.get(name, 0.0)) for name, one in room.seen.items()},
             units={unit.object_id: unit for unit in agent.memory},
             furniture=agent.map.types(),
             past=agent.home.past,
@@ -180,6 +180,10 @@ class RulesAssistant:
         return replace(taken, forbidden=(*verbs, *unused))
 
     # ----------------------------------------------------------------- the conversation
+
+    def settled(self, parts: Sequence[RequestReply]) -> Sequence[RequestReply]:
+        """Return replies whose checks take into account what a later request undid."""
+        return undone.settled(parts)
 
     def resolve(self, typed: str, *, at_terminal: bool) -> Resolved:
         """Return what a line asks for: at a terminal it may answer what was asked back."""
