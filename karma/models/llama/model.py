@@ -25,6 +25,7 @@ from karma.types.planning import AnswerSpec, ProgramSpec, Prompt
 
 MIN_SEGMENT = 128  # tokens that are decoded at once, of messages that are kept
 
+
 @dataclass(frozen=True, slots=True)
 class _Decoded:
     """What came out of the token loop."""
