@@ -23,6 +23,8 @@ from karma.types.completion import Choice, Completion, Listener, Scoring, Thinki
 from karma.types.grammars import without_closing
 from karma.types.planning import AnswerSpec, ProgramSpec, Prompt
 
+MIN_SEGMENT = 128  # tokens that are decoded at once, of messages that are kept
+
 
 @dataclass(frozen=True, slots=True)
 class _Decoded:
@@ -193,7 +195,7 @@ class LlamaModel:
             self.gguf.tokens(text, begins=not number, special=special)
             for number, text in enumerate(texts)
         ]
-        segments.append(self.gguf.tokens(after, special=special))
+        segments = [*joined(segments), self.gguf.tokens(after, special=special)]
         if not segments[-1] and segments[-2]:
             segments[-1] = [segments[-2].pop()]
         if not segments[-1]:
@@ -257,6 +259,19 @@ class LlamaModel:
 
 def _cycle(text: bytes) -> int:
     return cycle(text.split(b"\n")[:-1])
+
+
+def joined(segments: Sequence[list[int]]) -> list[list[int]]:
+    """Join short segments to at least `MIN_SEGMENT` tokens, from the start; the last may be short.
+
+    Segments that are added behind leave the earlier ones as they are.
+    """
+    found: list[list[int]] = [[]]
+    for segment in segments:
+        if len(found[-1]) >= MIN_SEGMENT:
+            found.append([])
+        found[-1] += segment
+    return found
 
 
 def _fault(found: _Decoded, answer: StreamingAnswer) -> str:
