@@ -13,7 +13,7 @@ CORE_TESTS = $(addprefix tests/,agent bench cli household language memory models
 SHARED_TESTS = $(shell grep -lE 'SHARED|\bshared\b' tests/test_*.py tests/*/test_*.py tests/*/*/test_*.py)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-core check hashed format scenes planner paper airgap docs server clean
+.PHONY: help setup demo test test-core check hashed format scenes planner tool-planner paper airgap docs server clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1|/p' Makefile | column -t -s '|' 2>/dev/null \
@@ -58,8 +58,12 @@ scenes: setup ## draw the rooms in karma/world/scenes again; equal seeds give eq
 
 planner: setup ## draw what karma-mini was tuned on, tune, merge; many hours without a GPU; resumes
 	@$(PY) scripts/planner_data.py examples --folder runs/planner
-	@.venv/bin/karma models tune runs/planner/examples.jsonl.gz runs/planner/tuned --watch runs/planner/watched.jsonl.gz --seed 37
+	@.venv/bin/karma models tune runs/planner/examples.jsonl.gz runs/planner/tuned --plain --watch runs/planner/watched.jsonl.gz --seed 37
 	@echo "planner: what trained karma-nano from nothing went; its card names the commit that still has it"
+
+tool-planner: setup ## draw chats of tool mode and tune Qwen2.5-Coder-0.5B on them for 12 minutes on a GPU; resumes
+	@$(PY) scripts/planner_data.py trajectories --folder runs/tools
+	@.venv/bin/karma models tune runs/tools/chats.jsonl.gz runs/tools/tuned --base qwen2.5-coder-0.5b --rate 5e-4 --minutes 12 --watch runs/tools/watched.jsonl.gz --seed 41
 
 paper: setup ## every table and figure of the paper with the nano models; resumes
 	@bash scripts/reproduce.sh

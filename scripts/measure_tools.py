@@ -2,8 +2,8 @@
 
     python scripts/measure_tools.py --limit 12
 
-The player (`tests/support/tool_player.py`) is an upper bound: no language is understood. Its own
-ablations differ in memory alone. Control: the same tasks without either memory.
+The player (`karma.plugins.training.tool_teacher`) is an upper bound: no language is understood.
+Its own ablations differ in memory alone. Control: the same tasks without either memory.
 """
 
 import tempfile
@@ -11,10 +11,8 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Annotated
 
-import measuring  # noqa: F401 - finds tests/support
 import typer
 from rich.progress import track
-from support.tool_player import ToolPlayer
 
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
@@ -24,6 +22,7 @@ from karma.goals.files import load_tasks
 from karma.loading.models import Models, load_resources
 from karma.models.scripted import MetadataVision
 from karma.offline.guard import go_offline
+from karma.plugins.training.tool_teacher import Lesson, ToolTeacher
 from karma.world.sim import EmbeddedWorld
 
 MEMORIES = {
@@ -63,7 +62,10 @@ def main(
 
 
 def _record(task, options, recall, folder: Path):  # noqa: ANN001, ANN202
-    player = ToolPlayer({sub.instruction: sub.goals for sub in task.subtasks})
+    lessons = [
+        Lesson(kind=task.kind, text=sub.instruction, goals=sub.goals) for sub in task.subtasks
+    ]
+    player = ToolTeacher({lesson.text: lesson for lesson in lessons})
     method = KarmaMethod(
         Planner(player, "tools"), recall, MetadataVision(), KarmaSettings(**options), maps=folder
     )

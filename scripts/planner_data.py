@@ -1,6 +1,7 @@
 """Sample training examples and task files; measure a planner on ALFRED's goal sentences.
 
     python scripts/planner_data.py examples      # then `karma models tune` with what it wrote
+    python scripts/planner_data.py trajectories  # of tool mode, likewise
     python scripts/planner_data.py evaluate ../shared/data/alfred/valid_seen.jsonl.gz
     python scripts/planner_data.py tasks runs/drawn --seed 1
 
@@ -10,6 +11,7 @@
 import gzip
 import multiprocessing
 import os
+import tempfile
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import cache
@@ -24,8 +26,10 @@ from karma import registry
 from karma.agent.planning.program import parse_program
 from karma.agent.planning.prompt import compact
 from karma.errors import ProgramError
-from karma.files import to_json
+from karma.files import to_json, write_atomic
+from karma.goals.files import load_said
 from karma.journal.formats import figure_text
+from karma.loading.models import default_recall
 from karma.loading.planner_files import reader_for
 from karma.models.llama.opening import LlamaOptions
 from karma.models.manifest import resolve_planner
@@ -35,12 +39,12 @@ from karma.plugins.thor_tools.importing.dump import read_layouts
 from karma.plugins.thor_tools.importing.scenes import import_dump
 from karma.plugins.training.drawing.memories import is_authors_plan
 from karma.plugins.training.drawing.phrases import disjoint_book, our_book
-from karma.plugins.training.drawing.requests import KINDS, WITH_PAIRS
 from karma.plugins.training.goal_sentences import GoalFacts, facts_of, read_sentences
 from karma.plugins.training.packs import Data, PlannerRecipe, draw_pack
 from karma.plugins.training.samples import TrainingExample, draw_alfred
 from karma.plugins.training.sources import DEVELOPMENT, Sources, held_out_packs
 from karma.plugins.training.task_files import draw_tasks, fresh_rooms
+from karma.plugins.training.trajectories import ToolMaterial, draw_chats
 from karma.seeds import stream
 from karma.types.planning import PlanRequest
 from karma.world.core.scene import Scene
@@ -50,7 +54,9 @@ LOCKED = ROOT / "eval" / "locked" / "tasks.jsonl"
 REQUESTS = ROOT / "eval" / "requests"
 SETS = ("refuse", "do", "several", "asked_open", "asked_locked")
 SAID = tuple(REQUESTS / f"{name}.jsonl" for name in SETS)
-FOLDER = ROOT / "runs" / "planner"
+FOLDER, TOOLS = ROOT / "runs" / "planner", ROOT / "runs" / "tools"
+CHATS = 100  # conversations of a part
+ROOMS, TOOL_ROOMS = 90, 1_000_000  # generated rooms of tool mode, and their seed
 AT_ONCE = 500  # packs that a worker draws at a time
 WATCHED = 200  # packs, and sentences of ALFRED's, to watch
 Folder = Annotated[Path, typer.Option(help="Rooms, words and examples.")]
@@ -88,6 +94,71 @@ def examples(
         _write(folder / "examples.jsonl.gz", (line for part in drawn for line in part))
 
 
+@app.command()
+def trajectories(
+    folder: Annotated[Path, typer.Option(help="Takes chats.jsonl.gz and its parts.")] = TOOLS,
+    conversations: Annotated[int, typer.Option(help="Of some two chats.")] = 20_000,
+    seed: int = 41,
+    workers: int = 2,
+) -> None:
+    """Sample chats of tool mode (chats.jsonl.gz) for `karma models tune`; resumes.
+
+    watched.jsonl.gz beside it has sentence forms that training has not, and sentences of ALFRED's
+    training trials that are kept out.
+    """
+    (folder / "parts").mkdir(parents=True, exist_ok=True)
+    places = [(folder, seed, first) for first in range(-CHATS, conversations, CHATS)]
+    with multiprocessing.get_context("fork").Pool(workers) as pool:
+        for _ in track(pool.imap_unordered(_draw_part, places), "drawing", total=len(places)):
+            pass
+    held, *parts = (_part(folder, seed, first) for _, _, first in places)
+    write_atomic(folder / "watched.jsonl.gz", held.read_bytes())
+    whole = b"".join(part.read_bytes() for part in parts)  # members of a gzip file
+    write_atomic(folder / "chats.jsonl.gz", whole)
+    count = gzip.decompress(whole).count(b"\n")
+    say(f"{count} chats: {folder}/chats.jsonl.gz")
+
+
+def _part(folder: Path, seed: int, first: int) -> Path:
+    return folder / "parts" / f"{seed}-{first}.jsonl.gz"
+
+
+def _draw_part(place: tuple[Path, int, int]) -> None:
+    """Write the chats of some conversations, those of held-out phrases for a negative number."""
+    folder, seed, first = place
+    path = _part(folder, seed, first)
+    if path.exists():
+        return
+    material = _chat_material(first < 0)
+    with tempfile.TemporaryDirectory() as rooms:
+        lines = [
+            to_json(chat)
+            for number in range(first, first + CHATS)
+            for chat in draw_chats(material, Path(rooms), seed, str(number))
+        ]
+    write_atomic(path, gzip.compress(b"".join(lines), 4))
+
+
+@cache
+def _chat_material(held_out: bool) -> ToolMaterial:
+    read, embedder = sources(FOLDER), registry.load("embedders", "minilm")()
+    dumps, layouts = read.floor_plans
+    plans = import_dump(dumps, layouts=layouts) if dumps.exists() else ()
+    data = Data(
+        rooms=(), book=our_book().part(held_out=held_out), unseen=read.unseen(),
+        alfred=read.sentences(held_out=held_out),
+        written=() if held_out else load_said(REQUESTS / "written.jsonl"),
+    )  # fmt: skip
+    return ToolMaterial(
+        data=data,
+        scenes=[
+            *(scene for scene in plans if not is_authors_plan(scene.name)),
+            *fresh_rooms(ROOMS, TOOL_ROOMS),
+        ],
+        recall=registry.load("recalls", default_recall())(embedder, text="sentence"),
+    )
+
+
 @cache
 def _material(folder: Path, recipe: PlannerRecipe) -> Data:
     return sources(folder).data(recipe)
@@ -114,8 +185,10 @@ def _watched(folder: Path, recipe: PlannerRecipe) -> Iterator[TrainingExample]:
 
 
 def _line(example: TrainingExample) -> bytes:
-    prompt = [example.stable, example.changing]
-    return to_json({"kind": example.kind, "prompt": prompt, "answer": example.program})
+    texts = (example.stable, example.changing, example.program)
+    roles = zip(("system", "user", "assistant"), texts, strict=True)
+    messages = [{"role": role, "content": text} for role, text in roles]
+    return to_json({"kind": example.kind, "messages": messages})
 
 
 def _write(path: Path, lines: Iterable[bytes]) -> None:
@@ -177,7 +250,6 @@ def tasks(
     dumps: Annotated[bool, typer.Option(help="In AI2-THOR's floor plans with a layout.")] = False,
     unknown: Annotated[bool, typer.Option(help="In those that no training sees.")] = False,
     unfiltered: Annotated[bool, typer.Option(help="Also what the expert does not do.")] = False,
-    pairs: Annotated[bool, typer.Option(help="Ask for two of a kind, too.")] = False,
     lexemes: Annotated[bool, typer.Option(help="In words that training has not.")] = False,
 ) -> None:
     """Draw tasks of rooms and phrasings that training never sees, each done once by the expert.
@@ -188,10 +260,9 @@ def tasks(
     if disjoint:
         book = disjoint_book()
     plans = _floor_plans(unknown=unknown) if dumps or unknown else None
-    kinds = WITH_PAIRS if pairs else KINDS
     drawn = draw_tasks(
         folder, book, scenes=plans or list(fresh_rooms(homes, seed)), each=each, seed=seed,
-        filtered=not unfiltered, kinds=kinds, unseen=lexemes,
+        filtered=not unfiltered, unseen=lexemes,
     )  # fmt: skip
     say(f"{drawn.tasks} tasks in {drawn.rooms} rooms, of {drawn.tried} drawn: {folder}/tasks.jsonl")
     for reason, count in drawn.left_out.items():

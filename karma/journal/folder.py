@@ -105,8 +105,10 @@ def write_made(path: Path, data: bytes, sign: bytes = SIGN) -> None:
 # ----------------------------------------------------------------- the mark
 
 
-class _Mark(msgspec.Struct, frozen=True, kw_only=True):
+class _Mark(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     header: str = ""  # SHA-256 of the header; "" where it grows with the run
+    kind: str = ""  # in marks of earlier versions, as the next
+    by: str = ""
     sealed: dict[str, str] = {}  # files that stay as they are once the results are there
 
 
@@ -190,7 +192,7 @@ def _read_mark(folder: Path) -> _Mark | None:
     path = folder / MARK
     if not path.exists():
         return None
-    first = read_bytes(path, most=LARGEST_LOG).partition(b"\n")[0]  # 0.4.0 had further lines
+    first = read_bytes(path, most=LARGEST_LOG).partition(b"\n")[0]  # once it had more
     return decode_json(first, _Mark, path=path, fix=_FIX)
 
 

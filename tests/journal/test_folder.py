@@ -95,6 +95,7 @@ THEIRS = {
     "a sweep.json": {"sweep.json": "mine", "table.md": "mine", "cells/a/x": "mine"},
     "a figure's cells": {"cells/type-m.json": "mine", "claims.md": "mine"},
     "a mark that is none": {MARK: "mine", "episodes.jsonl": "mine"},
+    "another's mark": {MARK: '{"made by": "another tool"}', "maps/a.json": "mine"},
 }  # fmt: skip
 
 
@@ -200,6 +201,9 @@ def test_page_and_table_replace_only_what_their_command_has_made(
         assert theirs.read_text() == "mine"
         (run / name).unlink()
         (run / name).write_bytes(made)
+    (run / MARK).write_text('{"made by": "another tool"}')
+    before = contents(run)
+    assert (again().exit_code, contents(run)) == (1, before)
 
 
 def test_results_that_the_run_did_not_write_are_refused(commands, finished, tmp_path):

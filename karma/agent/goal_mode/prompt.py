@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 
 from karma.agent.planning.full_profile import name_for
 from karma.agent.tools.sights import unit_text
-from karma.household.ids import short_type
 from karma.types.memory import Exchange, MemoryUnit
 from karma.types.observation import SeenObject
 
@@ -27,15 +26,21 @@ EXAMPLES: tuple[tuple[str, str, str], ...] = (
     ("", "Is the window open?", "tell(Window)"),
     ("", "Put all the books on the shelf except the one on the bed.",
      "avoid(Book in Bed)\nput(all Book, Shelf)"),
+    ("", "Shut the box, would you, and set it on the sofa.", "close(Box)\nput(Box, Sofa)"),
     ("", "If there are eggs in the fridge, boil one, please.", "if(Egg in Fridge)\ncook(Egg)"),
     ("", "I'm home!", 'note("Welcome home.")'),
+    ("", "Find my watch. It goes in the top drawer, not on the dresser.", "put(Watch, Drawer)"),
     ("", "How many forks do we have?", "tell(all Fork)"),
     ("Pen in Drawer_2; Mug at Sink (dirty)", "make me a coffee in the clean one",
      "coffee(Mug clean)"),
+    ("", "Fill the vase with water and stand it on the table.",
+     "fill(Vase)\nput(Vase, DiningTable)"),
     ("", "Hand me the thing from before.", 'ask("Which object do you mean?")'),
     ("", "Book me a table for two.", 'refuse("I cannot do that.")'),
-    ("", "It's too dark in here.", "on(LightSwitch)"),
-    ("Plate at Sink", "warm some bread and put it on the plate", "heat(Bread)\nput(Bread, Plate)"),
+    ("", "Leave the candle alone, but get all other lights off.", "avoid(Candle)\noff(all Light)"),
+    ("", "Warm up a tomato, only not the one by the sink.",
+     "avoid(Tomato in Sink)\nheat(Tomato)"),
+    ("Plate at Sink", "toast some bread and put it on the plate", "cook(Bread)\nput(Bread, Plate)"),
 )  # fmt: skip
 """Memory line, request, answer."""
 
@@ -54,9 +59,7 @@ def user_message(
     used = [unit_text(unit, name_of) for unit in units if unit.handled][-4:]
     if held is not None:
         used.append(f"{name_for(held.object_id, name_of)} in the hand")
-    here = sorted(dict.fromkeys(map(short_type, names)))
-    lines = [f"Here: {', '.join(here)}"] if here else []
-    lines += [f"Before: {exchange.request}" for exchange in exchanges[-2:]]
+    lines = [f"Before: {exchange.request}" for exchange in exchanges[-2:]]
     lines.append(message(request if not whole else f"{request} (part of: {whole})", used))
     return "\n".join(lines)
 

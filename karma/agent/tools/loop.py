@@ -201,8 +201,6 @@ class _Conversation:
     def _run_call(self, call: ToolCall) -> SkillResult:
         session, skill = self._session, call.tool.skill
         ids = [self._names.get(name, name) for name in call.names]
-        if skill in _SWITCHES:
-            self._chosen.update(ids)
         self._handled.update(dict.fromkeys(one for one in ids if one in self._names.values()))
         if skill == LOOK_OVER:
             result = session.call(SkillCall.of("GoToObject", *ids))
@@ -213,7 +211,12 @@ class _Conversation:
             wanted = short_type(type_of(ids[0]))
             return session.call(SkillCall.of("Explore", wanted), aside=self._known_ids(wanted))
         exact = bool(call.names) and call.names[-1] in self._names
-        return session.call(SkillCall(skill=skill, objects=tuple(ids), exact=exact), reported=True)
+        result = session.call(
+            SkillCall(skill=skill, objects=tuple(ids), exact=exact), reported=True
+        )
+        if skill in _SWITCHES:
+            self._chosen.update((*ids, *result.object_ids))  # a bare type was any of it
+        return result
 
     # ------------------------------------------------------------- facts
 

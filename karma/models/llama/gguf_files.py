@@ -181,7 +181,10 @@ def make_merged(
     made, adapter, config = places[:3]
     for file, place in zip(entry.files[1:], places[1:], strict=True):
         check_file(place, file.sha256, size=file.bytes, restore="git checkout -- models")
-    merge_adapter(base, adapter, config, made, name=entry.name, progress=progress)
+    is_chat = entry.prompt_profile == "tools"
+    merge_adapter(
+        base, adapter, config, made, name=entry.name, keeps_template=is_chat, progress=progress
+    )
     try:
         check_file(made, entry.files[0].sha256, size=entry.files[0].bytes)
     except ModelError:
@@ -206,11 +209,13 @@ def merge_adapter(
     out: Path,
     *,
     name: str,
+    keeps_template: bool = False,
     progress: Callable[[float], None] = lambda share: None,
 ) -> None:
     """Write base and adapter as one GGUF; it appears whole or not at all.
 
     The base is of llama or qwen2; adapter and config are peft's; `progress` hears the share done.
+    A model that was tuned on chats keeps its chat template.
 
     Raises:
         FileError: one cannot be read, or the file cannot be written.
@@ -227,7 +232,7 @@ def merge_adapter(
         raise ModelError(f"{adapter} changes {lost[0]}, which {base} has not")
 
     def fill(writer: Any) -> None:
-        _copy_fields(writer, reader, name)
+        _copy_fields(writer, reader, name, () if keeps_template else (TEMPLATE,))
         for number, tensor in enumerate(reader.tensors):
             progress(number / len(reader.tensors))
             change = changes.get(tensor.name)
@@ -288,14 +293,11 @@ def _added(rows: Floats, wide: Floats, low: Floats) -> Floats:
     return found
 
 
-def _copy_fields(writer: Any, reader: Any, name: str) -> None:
-    """Copy what the base says of itself, with another name and without its chat template.
-
-    For who is tuned is asked in the way of its examples.
-    """
+def _copy_fields(writer: Any, reader: Any, name: str, without: Sequence[str]) -> None:
+    """Copy the fields of the base but some, with another name."""
     import gguf
 
-    left = ("GGUF.", "general.architecture", "general.name", "general.file_type", TEMPLATE)
+    left = ("GGUF.", "general.architecture", "general.name", "general.file_type", *without)
     for field in reader.fields.values():
         if not field.name.startswith(left):
             kind = field.types[0]

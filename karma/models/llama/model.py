@@ -23,6 +23,8 @@ from karma.types.completion import Choice, Completion, Listener, Scoring, Thinki
 from karma.types.grammars import without_closing
 from karma.types.planning import AnswerSpec, ProgramSpec, Prompt
 
+MIN_SEGMENT = 128  # tokens that are decoded at once, of messages that are kept
+
 
 @dataclass(frozen=True, slots=True)
 class _Decoded:
@@ -115,7 +117,7 @@ class LlamaModel:
         if prompt.pictures:
             raise ModelError(f"{self.name} takes no pictures here; a hosted model may")
         answer = StreamingAnswer(max_seconds, listen)
-        segments = self._cut(prompt)
+        segments = self.segments(prompt)
         prompt_tokens = sum(map(len, segments))
         stable_tokens = prompt_tokens - len(segments[-1])
         spare, room = self._rooms(prompt_tokens, max_tokens)
@@ -163,7 +165,7 @@ class LlamaModel:
             RequestRefused: it leaves no room for an answer.
             ModelError: the chat template cannot render it.
         """
-        self._rooms(sum(map(len, self._cut(prompt))), 1)
+        self._rooms(sum(map(len, self.segments(prompt))), 1)
 
     def choose(
         self, prompt: Sequence[str], continuations: Sequence[str], *, scoring: Scoring = "sum"
@@ -175,7 +177,7 @@ class LlamaModel:
         """Free the model's memory; it cannot be used afterwards."""
         self.gguf.close()
 
-    def _cut(self, prompt: Prompt) -> list[list[int]]:
+    def segments(self, prompt: Prompt) -> list[list[int]]:
         """Return the tokens of the segments that a prompt is decoded in; the last is never empty.
 
         Earlier turns are segments of their own, as what follows them changes.
@@ -193,7 +195,7 @@ class LlamaModel:
             self.gguf.tokens(text, begins=not number, special=special)
             for number, text in enumerate(texts)
         ]
-        segments.append(self.gguf.tokens(after, special=special))
+        segments = [*joined(segments), self.gguf.tokens(after, special=special)]
         if not segments[-1] and segments[-2]:
             segments[-1] = [segments[-2].pop()]
         if not segments[-1]:
@@ -257,6 +259,19 @@ class LlamaModel:
 
 def _cycle(text: bytes) -> int:
     return cycle(text.split(b"\n")[:-1])
+
+
+def joined(segments: Sequence[list[int]]) -> list[list[int]]:
+    """Join short segments to at least `MIN_SEGMENT` tokens, from the start; the last may be short.
+
+    Segments that are added behind leave the earlier ones as they are.
+    """
+    found: list[list[int]] = [[]]
+    for segment in segments:
+        if len(found[-1]) >= MIN_SEGMENT:
+            found.append([])
+        found[-1] += segment
+    return found
 
 
 def _fault(found: _Decoded, answer: StreamingAnswer) -> str:

@@ -13,7 +13,7 @@ from karma.journal.formats import figure_text
 
 
 def models_tune(
-    examples: Path = argument(..., 'JSONL, a line {"prompt": [STABLE, CHANGING], "answer": TEXT}.'),
+    examples: Path = argument(..., 'JSONL, a line {"messages": [...]}.'),
     out: Path = argument(..., "Folder for adapter, checkpoints and tuned.gguf."),
     base: str = option("smollm2-135m", "A GGUF, or its name; llama or qwen2."),
     watch: Path | None = option(None, "Examples to score at the end, not trained on."),
@@ -21,9 +21,11 @@ def models_tune(
     rate: float = option(2e-3, "Learning rate at its highest."),
     steps: int = option(0, "0: once over the examples.", min=0),
     tokens: int = option(32_768, "Tokens a step.", min=64),
+    plain: bool = option(False, "Without the GGUF's chat template."),
+    minutes: float = option(0.0, "Stop at a checkpoint after these; 0: no bound.", min=0),
     seed: int = option(0, "Of order and adapter.", min=0),
 ) -> None:
-    """Tune a GGUF on examples of your own; called again, it goes on from its last checkpoint.
+    """Tune a GGUF on examples of your own; called again, it resumes from its last checkpoint.
 
     On processors some 42 tokens a second and core; a GPU is used where torch finds one.
     """
@@ -33,18 +35,17 @@ def models_tune(
 
     weights = Path(base) if is_gguf_path(base) else verify(find_model(base))[0]
     recipe = TuningRecipe(
-        seed=seed, rank=rank, alpha=2 * rank, rate=rate, steps=steps, tokens=tokens
+        seed=seed, rank=rank, alpha=2 * rank, rate=rate, steps=steps, tokens=tokens, minutes=minutes
     )
-    found = tune_file(weights, examples, out, recipe, watched=watch)
+    found = tune_file(weights, examples, out, recipe, watched=watch, plain=plain)
     place = out / "tuned.gguf"
-    merge_adapter(weights, out / ADAPTER, out / ADAPTER_CONFIG, place, name=out.name)
+    files = (weights, out / ADAPTER, out / ADAPTER_CONFIG)
+    merge_adapter(*files, place, name=out.name, keeps_template=not plain)
     if found:
         exact, loss = figure_text(found["exact"], 3), figure_text(found["loss"], 4)
         tell(f"of what is watched {exact} right to the letter, loss {loss}")
-    tell(
-        f"tuned: {place}; `karma run --planner {place} --profile compact "
-        "--set models.chat=false REQUEST`"
-    )
+    how = "compact --set models.chat=false" if plain else "tools"
+    tell(f"tuned: {place}; `karma run --planner {place} --profile {how} REQUEST`")
 
 
 def vlm_eval(

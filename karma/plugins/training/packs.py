@@ -146,7 +146,7 @@ def draw_written(
     text, goals = said.text, said.wanted
     if goals and rng.random() < OTHER_THINGS:
         text, goals = with_other_things(rng, text, goals, room.landmarks if mapped else ())
-    if mapped and (here := _in_room(goals, room.landmarks)) is not None:
+    if mapped and (here := in_room(goals, room.landmarks)) is not None:
         goals = here
     elif mapped:
         return None
@@ -172,7 +172,7 @@ def _without(rng: Rng, facts: PlanRequest, about: frozenset[str]) -> PlanRequest
     return replace(facts, units=tuple(filter(kept, facts.units)), held_id=None, held_type=None)
 
 
-def _in_room(goals: Sequence[Goal], landmarks: Sequence[str]) -> tuple[Goal, ...] | None:
+def in_room(goals: Sequence[Goal], landmarks: Sequence[str]) -> tuple[Goal, ...] | None:
     """Return goals with the nearest fixtures of a room; None if a fixture has no stand-in."""
     here: dict[str, str | None] = {
         name: likest(name, landmarks)

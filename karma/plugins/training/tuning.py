@@ -1,24 +1,27 @@
 """Tune the weights of a GGUF on examples: a LoRA adapter, which `gguf_files` puts back into a GGUF.
 
-One recipe for karma-mini and for a lab's own sentences. Training is transformers' Trainer, the
-adapter peft's (Hu et al. 2021); ours is only what goes in: the tokens are those that llama.cpp will
-make of the same prompt, and the loss counts the answer's alone.
+One recipe for karma-mini, tool mode and a lab's own examples. Training is transformers' Trainer,
+the adapter peft's (Hu et al. 2021). The project's own part is the input: tokens are those of the
+same prompts at inference, by the same code, and the loss counts answers alone.
 """
 
 import json
 import random
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from karma.errors import FileError, ModelError
 from karma.files import LARGEST_LOG, read_bytes, to_json, unpack, write_atomic
-from karma.models.llama.gguf_files import gguf_reader
-from karma.plugins.training.gguf_tokenizer import read_gguf_tokenizer
+from karma.models.llama.model import LlamaModel
+from karma.models.llama.opening import LlamaOptions
+from karma.types.planning import Prompt
 
 _MATRICES = ("q_proj", "k_proj", "v_proj", "o_proj", "gate_proj", "up_proj", "down_proj")
 _IGNORED = -100  # a label that the loss leaves out
@@ -36,15 +39,27 @@ class TuningRecipe:
     warmup: int = 60  # steps in which it rises
     steps: int = 0  # 0: once over the examples
     tokens: int = 32_768  # a step, padding counted
-    every: int = 500  # steps between checkpoints
+    every: int = 200  # steps between checkpoints
+    minutes: float = 0.0  # after which it stops at a checkpoint; 0: no bound
+
+
+class Turn(NamedTuple):
+    """A message of the user and the answer; the loss leaves out an answer that does not count."""
+
+    user: str
+    answer: str
+    counts: bool = True
+
+
+Chat = tuple[str, Sequence[Turn]]  # system message, turns
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EncodedExample:
-    """An example as tokens: prompt, answer and end token."""
+    """An example as tokens, and from where to where its answers go, end tokens included."""
 
     tokens: tuple[int, ...]
-    prompt: int  # so many of them are the prompt
+    answers: tuple[tuple[int, int], ...]
 
 
 def tune_file(
@@ -54,64 +69,81 @@ def tune_file(
     recipe: TuningRecipe,
     *,
     watched: Path | None = None,
+    plain: bool = False,
 ) -> dict[str, float]:
-    """Tune a GGUF on a file of examples; see `tune`.
+    """Tune a GGUF on a file of chats, `plain` without its chat template; see `tune`.
 
-    FileError if a file cannot be read, or a line is no example; ModelError if transformers
-    cannot read the weights, or peft is not installed.
+    FileError if a file cannot be read, or a line is no chat; ModelError if the weights cannot be
+    read or have no chat template, or peft is not installed.
     """
+    begun_s = time.monotonic()
     if find_spec("peft") is None:
         fix = 'pip install "karma-offline[training]", or `make setup`'
         raise ModelError(f"tuning needs peft, which is not installed\n  To fix: {fix}")
-    tokenizer, end = read_gguf_tokenizer(weights), end_token(weights)
-    given = encode(read_examples(examples), tokenizer, end)
-    kept = encode(read_examples(watched), tokenizer, end) if watched is not None else []
+    model = LlamaModel(weights, chat=not plain, options=LlamaOptions(gpu_layers=0))
+    given = list(encode(read_chats(examples), model))
+    seen = list(encode(read_chats(watched), model)) if watched is not None else []
+    model.close()
+    if not given:
+        raise FileError(examples, "there is no answer to learn in it")
     return tune(
         base_model(weights),
         batches_of(given, recipe.tokens, recipe.seed),
         folder,
         recipe,
-        watched=batches_of(kept, recipe.tokens // 4, 0) if kept else (),
+        watched=batches_of(seen, recipe.tokens // 4, 0) if seen else (),
+        begun_s=begun_s,
     )
 
 
-def end_token(weights: Path) -> int:
-    """Return the token that ends an answer of a GGUF."""
-    return int(gguf_reader(weights).fields["tokenizer.ggml.eos_token_id"].contents())
+def read_chats(path: Path) -> Iterator[Chat]:
+    """Yield the chats of a JSONL file: `{"messages": [...]}`, as OpenAI's fine-tuning has them.
 
-
-def read_examples(path: Path) -> Iterator[tuple[str, str, str]]:
-    """Yield (stable prompt, changing prompt, answer) of each line of a JSONL file.
-
-    A line is `{"prompt": [STABLE, CHANGING], "answer": TEXT}`; other keys are left alone.
-    FileError if it is missing, or a line is not so; names the line.
+    After an optional system message users and assistants take turns; an answer with `"weight": 0`
+    is not to be learned. FileError if the file is missing, or a line is not such; names the line.
     """
     data = read_bytes(path, most=LARGEST_LOG)
     if path.suffix == ".gz":
         data = unpack(data, path=path, most=LARGEST_LOG)
     for number, line in enumerate(data.splitlines(), start=1):
         try:
-            found = json.loads(line)
-            (stable, changing), answer = found["prompt"], found["answer"]
-        except (ValueError, KeyError, TypeError) as error:
-            shape = '{"prompt": [STABLE, CHANGING], "answer": TEXT}'
+            messages = json.loads(line)["messages"]
+            has_system = messages[0]["role"] == "system"
+            users, answers = messages[has_system::2], messages[has_system + 1 :: 2]
+            roles = [message["role"] for message in messages[has_system:]]
+            if roles != ["user", "assistant"] * len(answers) or not answers:
+                raise ValueError(f"roles {roles}")
+            turns = [
+                Turn(user["content"], answer["content"], bool(answer.get("weight", 1)))
+                for user, answer in zip(users, answers, strict=True)
+            ]
+        except (ValueError, LookupError, TypeError) as error:
+            shape = '{"messages": [...]}'
             raise FileError(path, f"line {number} is no {shape}: {error!r}") from error
-        yield stable, changing, answer
+        yield messages[0]["content"] if has_system else "", turns
 
 
-def encode(
-    examples: Iterator[tuple[str, str, str]], tokenizer: Any, end: int
-) -> list[EncodedExample]:
-    """Return examples as tokens, each part split for itself, as `LlamaModel` does."""
-    found = []
-    rooms: dict[str, list[int]] = {}
-    for stable, changing, answer in examples:
-        if stable not in rooms:
-            rooms[stable] = tokenizer.encode(stable).ids
-        prompt = [*rooms[stable], *tokenizer.encode(changing).ids]
-        tokens = (*prompt, *tokenizer.encode(answer).ids, end)
-        found.append(EncodedExample(tokens=tokens, prompt=len(prompt)))
-    return found
+def encode(chats: Iterable[Chat], model: LlamaModel) -> Iterator[EncodedExample]:
+    """Yield chats as tokens: those of which the model's prompts and answers consist.
+
+    Where the template writes an earlier answer otherwise than it was given, what follows is an
+    example of its own.
+    """
+    for stable, turns in chats:
+        tokens: list[int] = []
+        answers: list[tuple[int, int]] = []
+        for number, turn in enumerate(turns):
+            earlier = tuple((one.user, one.answer) for one in turns[:number])
+            prompt = Prompt(stable=stable, turns=earlier, changing=turn.user)
+            before = list(chain(*model.segments(prompt)))
+            if before[: len(tokens)] != tokens and answers:
+                yield EncodedExample(tokens=tuple(tokens), answers=tuple(answers))
+                answers = []
+            tokens = [*before, *model.gguf.tokens(turn.answer), model.gguf.end_token]
+            if turn.counts:
+                answers.append((len(before), len(tokens)))
+        if answers:
+            yield EncodedExample(tokens=tuple(tokens), answers=tuple(answers))
 
 
 def batches_of(
@@ -141,12 +173,13 @@ def collate(batch: Sequence[EncodedExample]) -> dict[str, Any]:
     import torch
 
     width = max(len(example.tokens) for example in batch)
-    first = min(example.prompt for example in batch) - 1
+    first = min(example.answers[0][0] for example in batch) - 1
     tokens = np.zeros((len(batch), width), np.int64)
     labels = np.full((len(batch), width), _IGNORED, np.int64)
     for row, example in enumerate(batch):
         tokens[row, : len(example.tokens)] = example.tokens
-        labels[row, example.prompt : len(example.tokens)] = example.tokens[example.prompt :]
+        for start, stop in example.answers:
+            labels[row, start:stop] = example.tokens[start:stop]
     return {
         "input_ids": torch.from_numpy(tokens),
         "labels": torch.from_numpy(labels[:, first:]),
@@ -182,11 +215,12 @@ def tune(
     recipe: TuningRecipe,
     *,
     watched: Sequence[Sequence[EncodedExample]] = (),
+    begun_s: float | None = None,
 ) -> dict[str, float]:
-    """Train an adapter, or go on from the last checkpoint in the folder, and write it there.
+    """Train an adapter, or resume from the last checkpoint in the folder, and write it there.
 
     `folder` takes the adapter in half precision, checkpoints and the log; `watched` batches are not
-    trained on.
+    trained on. `begun_s`: when the recipe's minutes began, by the monotonic clock; None: now.
 
     Returns:
         Loss and share of answers right to the letter, of what is watched.
@@ -200,7 +234,7 @@ def tune(
     half = gpu or _has_bfloat16()
     torch.manual_seed(recipe.seed)
     lora = LoraConfig(r=recipe.rank, lora_alpha=recipe.alpha, target_modules=list(_MATRICES))
-    adapted = get_peft_model(model, lora)
+    adapted = get_peft_model(model.to(torch.bfloat16) if gpu else model, lora)  # adapter: float32
     adapted.config.use_cache = False
     folder.mkdir(parents=True, exist_ok=True)
     arguments = TrainingArguments(
@@ -226,13 +260,26 @@ def tune(
         seed=recipe.seed,
     )
     trainer = Trainer(
-        model=adapted, args=arguments, train_dataset=list(batches), data_collator=_only
-    )
+        model=adapted, args=arguments, train_dataset=list(batches), data_collator=_only,
+        callbacks=[_clock(time.monotonic() if begun_s is None else begun_s, recipe.minutes)],
+    )  # fmt: skip
     trainer.train(resume_from_checkpoint=get_last_checkpoint(str(folder)))
     found = score(adapted, watched, half=half) if watched else {}
     _write_adapter(adapted, folder)
     write_atomic(folder / "tuning.json", to_json(trainer.state.log_history, indent=1))
     return found
+
+
+def _clock(begun_s: float, minutes: float) -> Any:
+    """Return a callback of the Trainer that stops it, with a checkpoint, when time is up."""
+    from transformers import TrainerCallback
+
+    class Clock(TrainerCallback):  # type: ignore[misc]
+        def on_step_end(self, args: Any, state: Any, control: Any, **_: Any) -> None:
+            if minutes and time.monotonic() - begun_s > 60 * minutes:
+                control.should_save = control.should_training_stop = True
+
+    return Clock()
 
 
 def _has_bfloat16() -> bool:

@@ -2,21 +2,18 @@
 
 import json
 from copy import deepcopy
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.paths import ROOT
-from support.tiny import export_tiny
+from support.tiny import export_tiny, opened
 
 from karma.errors import FileError, ModelError
-from karma.goals.files import load_texts
-from karma.household.types import object_types
 from karma.models.llama.gguf_files import merge_adapter
 from karma.models.llama.gguf_model import GgufModel
 from karma.models.llama.opening import LlamaOptions
-from karma.plugins.training.gguf_tokenizer import read_gguf_tokenizer
 from karma.plugins.training.tuning import (
     ADAPTER,
     ADAPTER_CONFIG,
@@ -26,17 +23,36 @@ from karma.plugins.training.tuning import (
     batches_of,
     collate,
     encode,
-    end_token,
-    read_examples,
+    read_chats,
     tune,
+    tune_file,
 )
-from karma.testing import make_planner
+from karma.testing import Size, make_planner
+from karma.types.planning import Prompt
+
+
+def chat(*texts, weights=()):
+    """A line with these messages; the first is the system's."""
+    roles = ("system", *("user", "assistant") * len(texts))
+    messages = [{"role": role, "content": text} for role, text in zip(roles, texts, strict=False)]
+    for message, weight in zip(messages[2::2], weights, strict=False):
+        message["weight"] = weight
+    return {"messages": messages}
+
 
 LINES = [
-    {"prompt": ["#areas\nunknown\n", f"#task get the {name.lower()}\n#memory\n#program\n"],
-     "answer": f"GoToObject(robot, '{name}')\nPickupObject(robot, '{name}')\n"}
+    chat("#areas\nunknown\n", f"#task get the {name.lower()}\n#memory\n#program\n",
+         f"GoToObject(robot, '{name}')\nPickupObject(robot, '{name}')\n")
     for name in ("Apple", "ButterKnife", "CellPhone", "Mug_2", "Plate")
 ]  # fmt: skip
+TALK = chat("You are a robot.\nSink, Fridge\n", "Request: open the fridge", "open(Frige)",
+            "open(Frige) -> FAILED", "open(Fridge)", "open(Fridge) -> ok", 'done("It is open.")',
+            weights=(0, 1))  # fmt: skip
+
+
+def example(tokens, prompt):
+    """An example of a single answer."""
+    return EncodedExample(tokens=tuple(tokens), answers=((prompt, len(tokens)),))
 
 
 def examples_file(folder, lines):
@@ -45,28 +61,51 @@ def examples_file(folder, lines):
     return path
 
 
-def test_tokens_are_those_of_llama_cpp_for_all_that_is_written_and_named(smollm):
-    tokenizer = read_gguf_tokenizer(smollm)
-    model = GgufModel(smollm, LlamaOptions(threads=1))
-    texts = [*load_texts(ROOT / "eval" / "requests" / "written.jsonl"), *object_types()]
-    texts += ["#areas\nnode_12 Fridge\n", " @Fridge cleaned *Apple_2\n", "a  b\n\n 12 34\n", "é 猫"]
-    for text in texts:
-        assert tokenizer.encode(text).ids == model.tokens(text), text
-
-
-def test_a_name_goes_on_in_the_same_tokens_wherever_a_token_ends(smollm):
-    """The decoder puts names whole, training has them in lines: both must be cut alike."""
-    tokenizer = read_gguf_tokenizer(smollm)
-    for name in object_types():
-        whole = tokenizer.encode(f"PutObject(robot, '{name}')\n").ids
-        before = tokenizer.encode("PutObject(robot, '").ids
-        assert whole == [*before, *tokenizer.encode(f"{name}')\n").ids], name
-
-
-def test_what_is_no_example_is_refused_with_its_line(tmp_path):
-    path = examples_file(tmp_path, [LINES[0], {"prompt": "one text", "answer": "x"}])
+@pytest.mark.parametrize(
+    "line",
+    [
+        {"prompt": ["one", "text"], "answer": "x"},
+        chat("system"),
+        chat("system", "user"),
+        {"messages": [{"role": "assistant", "content": "x"}]},
+        {"messages": "text"},
+    ],
+)
+def test_what_is_no_chat_is_refused_with_its_line(tmp_path, line):
+    path = examples_file(tmp_path, [LINES[0], line])
     with pytest.raises(FileError, match="line 2 is no"):
-        list(read_examples(path))
+        list(read_chats(path))
+
+
+@pytest.fixture(scope="module")
+def qwen(tmp_path_factory):
+    """A file of random weights with the architecture and chat template of Qwen 2.5."""
+    size = Size(feed_forward=64)
+    return make_planner(tmp_path_factory.mktemp("chat") / "tiny.gguf", "qwen2.5", size=size)
+
+
+def test_tokens_before_each_answer_are_those_of_the_prompt_at_inference(tmp_path, qwen):
+    model = opened(qwen)
+    (encoded,) = encode(read_chats(examples_file(tmp_path, [TALK])), model)
+    texts = [message["content"] for message in TALK["messages"]]
+    stable, users, answers = texts[0], texts[1::2], texts[2::2]
+    spans = encoded.answers
+    assert len(spans) == 2  # that of no weight is left out
+    for number, (start, stop) in enumerate(spans, start=1):
+        turns = tuple(zip(users[:number], answers[:number], strict=True))
+        prompt = Prompt(stable=stable, turns=turns, changing=users[number])
+        segments = model.segments(prompt)
+        assert encoded.tokens[:start] == tuple(token for one in segments for token in one)
+        end = (*model.gguf.tokens(answers[number]), model.gguf.end_token)
+        assert encoded.tokens[start:stop] == end
+
+
+def test_chat_whose_template_rewrites_answers_is_an_example_for_each(tmp_path):
+    model = opened(make_planner(tmp_path / "thinking.gguf", "qwen3"))
+    thinking = chat("You are a robot.", "open it", "<think>\nit\n</think>\nopen(Fridge)", "ok",
+                    'done("Yes.")')  # fmt: skip
+    found = list(encode(read_chats(examples_file(tmp_path, [thinking])), model))
+    assert [len(one.answers) for one in found] == [1, 1]
 
 
 @given(
@@ -74,9 +113,7 @@ def test_what_is_no_example_is_refused_with_its_line(tmp_path):
     st.integers(1, 200),
 )
 def test_batches_hold_every_example_once_and_no_more_than_they_may(sizes, most):
-    examples = [
-        EncodedExample(tokens=tuple(range(prompt + rest)), prompt=prompt) for prompt, rest in sizes
-    ]
+    examples = [example(range(prompt + rest), prompt) for prompt, rest in sizes]
     batches = batches_of(examples, most, 0)
     assert sorted(len(one.tokens) for batch in batches for one in batch) == sorted(
         len(one.tokens) for one in examples
@@ -86,13 +123,15 @@ def test_batches_hold_every_example_once_and_no_more_than_they_may(sizes, most):
 
 
 def test_the_loss_counts_answers_alone():
-    batch = [EncodedExample(tokens=(5, 6, 7, 2), prompt=2), EncodedExample(tokens=(8, 2), prompt=1)]
+    batch = [example((5, 6, 7, 2), 2), example((8, 2), 1)]
     given = collate(batch)
     assert given["input_ids"].tolist() == [[5, 6, 7, 2], [8, 2, 0, 0]]
     assert given["labels"].tolist() == [[-100, -100, 7, 2], [-100, 2, -100, -100]]
-    later = collate([EncodedExample(tokens=(5, 6, 7, 8, 2), prompt=3)])
+    later = collate([example((5, 6, 7, 8, 2), 3)])
     assert later["labels"].tolist() == [[-100, 8, 2]]
     assert later["logits_to_keep"].tolist() == [2, 3, 4]
+    turns = collate([EncodedExample(tokens=(5, 6, 2, 7, 8, 2), answers=((1, 3), (5, 6)))])
+    assert turns["labels"].tolist() == [[-100, 6, 2, -100, -100, 2]]
 
 
 @pytest.fixture(scope="module")
@@ -111,8 +150,8 @@ def test_leaving_out_the_prompts_logits_changes_no_loss(weights):
     import torch
 
     batch = [
-        EncodedExample(tokens=tuple(range(100, 112)), prompt=6),
-        EncodedExample(tokens=(*range(50, 58), 2), prompt=7),
+        example(range(100, 112), 6),
+        example((*range(50, 58), 2), 7),
     ]
     given, model = collate(batch), deepcopy(weights).eval()
     labels = torch.full(given["input_ids"].shape, -100)
@@ -129,13 +168,27 @@ def tuned(tmp_path_factory, base, weights):
     """An adapter of a few steps: enough to be told from rounding."""
     pytest.importorskip("peft")
     folder = tmp_path_factory.mktemp("tuned")
-    tokenizer = read_gguf_tokenizer(base)
-    given = encode(read_examples(examples_file(folder, LINES)), tokenizer, end_token(base))
+    given = list(encode(read_chats(examples_file(folder, LINES)), opened(base)))
     recipe = TuningRecipe(rank=2, alpha=4, steps=6, warmup=0, tokens=512, rate=2e-2)
     found = tune(deepcopy(weights), batches_of(given, 512, 0), folder, recipe,
                  watched=[given[:2]])  # fmt: skip
     assert 0 <= found["exact"] <= 1
     return folder
+
+
+def test_tuning_on_chats_stops_in_time_and_resumes(tmp_path, qwen):
+    pytest.importorskip("peft")
+    path = examples_file(tmp_path, [TALK] * 6)
+    recipe = TuningRecipe(rank=2, alpha=4, steps=3, warmup=0, tokens=256, minutes=1e-6)
+    tune_file(qwen, path, tmp_path / "out", recipe)
+    assert [one.name for one in (tmp_path / "out").glob("checkpoint-*")] == ["checkpoint-1"]
+    found = tune_file(qwen, path, tmp_path / "out", replace(recipe, minutes=0), watched=path)
+    assert {"loss", "exact"} < found.keys()
+    assert [one.name for one in (tmp_path / "out").glob("checkpoint-*")] == ["checkpoint-3"]
+    made = tmp_path / "tuned.gguf"
+    files = (tmp_path / "out" / ADAPTER, tmp_path / "out" / ADAPTER_CONFIG)
+    merge_adapter(qwen, *files, made, name="tuned", keeps_template=True)
+    assert opened(made).manner == "through its own chat template"
 
 
 def test_a_merged_file_says_what_base_and_adapter_say_together(tmp_path, base, weights, tuned):
