@@ -39,7 +39,6 @@ from karma.plugins.thor_tools.importing.dump import read_layouts
 from karma.plugins.thor_tools.importing.scenes import import_dump
 from karma.plugins.training.drawing.memories import is_authors_plan
 from karma.plugins.training.drawing.phrases import disjoint_book, our_book
-from karma.plugins.training.drawing.requests import KINDS, WITH_PAIRS
 from karma.plugins.training.goal_sentences import GoalFacts, facts_of, read_sentences
 from karma.plugins.training.packs import Data, PlannerRecipe, draw_pack
 from karma.plugins.training.samples import TrainingExample, draw_alfred
@@ -251,7 +250,6 @@ def tasks(
     dumps: Annotated[bool, typer.Option(help="In AI2-THOR's floor plans with a layout.")] = False,
     unknown: Annotated[bool, typer.Option(help="In those that no training sees.")] = False,
     unfiltered: Annotated[bool, typer.Option(help="Also what the expert does not do.")] = False,
-    pairs: Annotated[bool, typer.Option(help="Ask for two of a kind, too.")] = False,
     lexemes: Annotated[bool, typer.Option(help="In words that training has not.")] = False,
 ) -> None:
     """Draw tasks of rooms and phrasings that training never sees, each done once by the expert.
@@ -262,10 +260,9 @@ def tasks(
     if disjoint:
         book = disjoint_book()
     plans = _floor_plans(unknown=unknown) if dumps or unknown else None
-    kinds = WITH_PAIRS if pairs else KINDS
     drawn = draw_tasks(
         folder, book, scenes=plans or list(fresh_rooms(homes, seed)), each=each, seed=seed,
-        filtered=not unfiltered, kinds=kinds, unseen=lexemes,
+        filtered=not unfiltered, unseen=lexemes,
     )  # fmt: skip
     say(f"{drawn.tasks} tasks in {drawn.rooms} rooms, of {drawn.tried} drawn: {folder}/tasks.jsonl")
     for reason, count in drawn.left_out.items():

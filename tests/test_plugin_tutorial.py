@@ -39,7 +39,7 @@ def said(place, *arguments, code=0):
     """What Python prints there, where the package is installed."""
     done = subprocess.run(
         [sys.executable, *arguments], cwd=place, capture_output=True, text=True, check=False,
-        env={**os.environ, "PYTHONPATH": f"{place}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"},
+        env={**os.environ, "PYTHONPATH": f"{place}{os.pathsep}{ROOT}"},
     )  # fmt: skip
     assert done.returncode == code, done.stdout + done.stderr
     return done.stdout

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from support.paths import ROOT
 from support.run_files import write_experiment
 
 from karma.bench.engine.run import Run
@@ -80,7 +81,7 @@ def test_plug_in_that_fails_is_named_and_no_run_ends_in_silence(tmp_path, body, 
         "$KARMA eval demo --only simple-03 --row KARMA --set models.planner=karma-nano"
         " --set 'rows.KARMA.options.policy=odd[9]' --out run"
     )
-    code, told = shell(command, tmp_path, PYTHONPATH=str(tmp_path))
+    code, told = shell(command, tmp_path, PYTHONPATH=f"{tmp_path}{os.pathsep}{ROOT}")
     assert code == 1
     assert "odd" in told
     assert said in told

@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Mapping
 
 from karma.household.saying import plural_of, spoken
 from karma.household.types import object_types
-from karma.household.uses import LAMPS
+from karma.household.uses import BIN, BURNER, FAUCET, LAMPS
 from karma.types.roles import Embedder
 from karma.types.space import Vectors
 
@@ -14,15 +14,15 @@ _GROUPS: Mapping[str, tuple[str, ...]] = {
     "light": (*LAMPS, "LightSwitch"),
     "table": ("DiningTable", "CoffeeTable", "SideTable"),
     "counter": ("CounterTop",),
-    "bin": ("GarbageCan",),
-    "trash": ("GarbageCan",),
+    "bin": (BIN,),
+    "trash": (BIN,),
     "keys": ("KeyChain",),
-    "tap": ("Faucet",),
+    "tap": (FAUCET,),
     "phone": ("CellPhone",),
     "salt": ("SaltShaker",),
     "pepper": ("PepperShaker",),
-    "burner": ("StoveBurner",),
-    "stove": ("StoveBurner",),
+    "burner": (BURNER,),
+    "stove": (BURNER,),
     "couch": ("Sofa",),
     "tv": ("Television",),
     "remote": ("RemoteControl",),

@@ -10,7 +10,7 @@ from karma.agent.planning.expert import ExpertView, NamedThing, solve
 from karma.agent.planning.program import PUTS
 from karma.household.ids import is_id, type_of
 from karma.household.pieces import base_type
-from karma.household.places import HAND
+from karma.household.places import FLOOR, HAND
 from karma.household.saying import name_of, plural_of, spoken, told_place
 from karma.household.states import SAID_AS
 from karma.household.uses import BIN, COFFEE_MACHINE
@@ -157,7 +157,7 @@ class GoalWork:
         objects = [known[one] for one in ids if one in known]
         if not objects:
             return f"I found no {_in_words(description)}."
-        fixed = all(type_of(one.object_id) == "Floor" or one.place_id is None for one in objects)
+        fixed = all(type_of(one.object_id) == FLOOR or one.place_id is None for one in objects)
         if fixed:
             texts = []
             for one in objects[:4]:

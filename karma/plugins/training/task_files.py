@@ -21,7 +21,6 @@ from karma.plugins.rules.language.lexemes import unseen_lexemes
 from karma.plugins.training.drawing.drawn_tasks import DrawnRequest, Kind, draw_task
 from karma.plugins.training.drawing.memories import room_of
 from karma.plugins.training.drawing.phrases import Book
-from karma.plugins.training.drawing.requests import KINDS
 from karma.plugins.training.possible import Possible
 from karma.plugins.training.sources import DRAWN_ROOMS
 from karma.seeds import stream
@@ -58,7 +57,6 @@ def draw_tasks(
     each: int,
     seed: int,
     filtered: bool,
-    kinds: Mapping[str, float] = KINDS,
     unseen: bool = False,
 ) -> Drawing:
     """Sample tasks of every kind; writes tasks.jsonl and scenes/ into a folder.
@@ -82,7 +80,7 @@ def draw_tasks(
             rng = stream(seed, "tasks", kind, str(tried))
             at = tried % len(scenes)
             tried += 1
-            steps = draw_task(rng, known[at], book, kind, kinds)
+            steps = draw_task(rng, known[at], book, kind)
             line = _task_line(f"{kind}-{found + 1:03}", kind, paths[at], steps or ())
             judge = world if filtered else possible[at]
             said = sum(unseen_lexemes().number_in(step.text) for step in steps or ())

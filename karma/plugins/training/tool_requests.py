@@ -17,7 +17,7 @@ from karma.household.uses import without_basin
 from karma.plugins.rules.language.lexemes import lexicon, pick_common
 from karma.plugins.training.drawing.drawn_tasks import Kind, draw_task
 from karma.plugins.training.drawing.memories import KnownRoom, Rng, pick
-from karma.plugins.training.drawing.requests import filled
+from karma.plugins.training.drawing.requests import WITH_PAIRS, filled
 from karma.plugins.training.packs import Data, in_room, with_other_things
 from karma.plugins.training.refusals import draw_refusal
 from karma.plugins.training.tool_teacher import Lesson, Things
@@ -58,7 +58,7 @@ class ToolRequests:
 
     def _tasks(self) -> Sequence[Lesson]:
         kind = pick(self.rng, get_args(Kind))
-        steps = draw_task(self.rng, self.room, self.data.book, kind) or ()
+        steps = draw_task(self.rng, self.room, self.data.book, kind, WITH_PAIRS) or ()
         return [Lesson(kind=kind, text=step.text, goals=step.goals) for step in steps]
 
     def _alfred(self) -> Sequence[Lesson]:

@@ -48,8 +48,11 @@ def models(made, tmp_path, monkeypatch):
     """A folder of models: "learnt" may refuse and has words, "plain" neither."""
     folder = tmp_path / "models"
     shutil.copytree(made, folder)
-    hashes = {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in OWN}
-    files = ", ".join(f'{{ path = "{name}", sha256 = "{sha}" }}' for name, sha in hashes.items())
+    contents = {name: (folder / name).read_bytes() for name in OWN}
+    files = ", ".join(
+        f'{{ path = "{name}", sha256 = "{hashlib.sha256(data).hexdigest()}", bytes = {len(data)} }}'
+        for name, data in contents.items()
+    )
     learnt = 'refuses = true\nwords = "words.json"'
     (folder / "manifest.toml").write_text(
         ENTRY.format(name="learnt", more=learnt, files=files)
@@ -77,9 +80,10 @@ def test_words_file_that_is_not_what_the_manifest_says_is_refused(models):
 
 
 def test_words_file_that_is_none_of_its_model_is_refused():
+    file = ModelFile(path="x.gguf", sha256="0" * 64, bytes=1)
     with pytest.raises(ValueError, match="none of its files"):
         ModelEntry(
-            name="x", role="planner", format="gguf", files=(ModelFile(path="x.gguf"),),
+            name="x", role="planner", format="gguf", files=(file,),
             licence="MIT", source="here", prompt_profile="compact", context_length=8,
             words="words.json",
         )  # fmt: skip
