@@ -61,9 +61,9 @@ planner: setup ## draw what karma-mini was tuned on, tune, merge; many hours wit
 	@.venv/bin/karma models tune runs/planner/examples.jsonl.gz runs/planner/tuned --plain --watch runs/planner/watched.jsonl.gz --seed 37
 	@echo "planner: what trained karma-nano from nothing went; its card names the commit that still has it"
 
-tool-planner: setup ## draw chats of tool mode and tune Qwen2.5-Coder-0.5B on them for 12 minutes on a GPU; resumes
+tool-planner: setup ## draw chats of tool mode and tune Qwen2.5-Coder-0.5B on them within 12 minutes on a GPU; resumes
 	@$(PY) scripts/planner_data.py trajectories --folder runs/tools
-	@.venv/bin/karma models tune runs/tools/chats.jsonl.gz runs/tools/tuned --base qwen2.5-coder-0.5b --rate 5e-4 --minutes 12 --watch runs/tools/watched.jsonl.gz --seed 41
+	@.venv/bin/karma models tune runs/tools/chats.jsonl.gz runs/tools/tuned --base qwen2.5-coder-0.5b --rate 5e-4 --minutes 10 --watch runs/tools/watched.jsonl.gz --seed 41
 
 paper: setup ## every table and figure of the paper with the nano models; resumes
 	@bash scripts/reproduce.sh

@@ -158,9 +158,14 @@ def kept_vectors(embedder: Embedder, texts: Sequence[str]) -> Vectors:
 
 
 def examples_for(count: int, embedder: Embedder | None = None) -> Examples | None:
-    """Return what finds a planner's examples, the nearest last; None for none."""
-    if not count:
-        return None
-    embedder, bank = learnt_embedder(embedder), read_bank()
-    memory = ExampleMemory(embedder, bank, kept_vectors(embedder, [e.instruction for e in bank]))
-    return lambda instruction: memory.nearest(instruction, count)[::-1]
+    """Return what finds a planner's examples, the nearest last; None for none.
+
+    The bank is read with the first instruction: goal and tool mode need none of it.
+    """
+
+    @cache
+    def memory() -> ExampleMemory:
+        bank, found = read_bank(), learnt_embedder(embedder)
+        return ExampleMemory(found, bank, kept_vectors(found, [e.instruction for e in bank]))
+
+    return (lambda instruction: memory().nearest(instruction, count)[::-1]) if count else None

@@ -30,8 +30,10 @@ def resources():
     )
 
 
-def test_a_sentence_of_the_bank_gets_its_own_program_whatever_was_asked_before(resources):
-    planner = CopyingMethod.build(resources, {}).planner
+@pytest.mark.parametrize("profile", ["full", "goals"])
+def test_a_sentence_of_the_bank_gets_its_own_program_whatever_was_asked_before(resources, profile):
+    planner = CopyingMethod.build(replace(resources, profile=profile), {}).planner
+    assert planner.profile == "full"
     for one in read_bank()[:60:20]:
         (plan,) = planner.plan(PlanRequest(instruction=one.instruction))
         assert plan.completion.text == one.program

@@ -100,13 +100,12 @@ def compact_areas(areas: Sequence[Area]) -> str:
 _NEVER_TRAINED = frozenset({"cooled"})  # states that no memory of the nano's training had
 
 
-def compact_memory(units: Sequence[MemoryUnit], names: Mapping[str, str]) -> str:
+def compact_memory(units: Sequence[MemoryUnit], name_of: Mapping[str, str]) -> str:
     """Return short-term memory for the compact profile: ` @Fridge cleaned sliced *Apple`.
 
     What is said of a thing stands before its name: a small model that has found the words it looks
     for reads the name next. `*` is before what was handled, `-` before what was only seen.
     """
-    name_of = {object_id: name for name, object_id in names.items()}
     lines = ["#memory\n"]
     for unit in units:
         if unit.place_id is not None:
@@ -117,9 +116,8 @@ def compact_memory(units: Sequence[MemoryUnit], names: Mapping[str, str]) -> str
     return "".join(lines)
 
 
-def _compact_last(units: Sequence[MemoryUnit], names: Mapping[str, str]) -> str:
+def _compact_last(units: Sequence[MemoryUnit], name_of: Mapping[str, str]) -> str:
     """Return the line that says what was handled last, which is mostly what "it" means."""
-    name_of = {object_id: name for name, object_id in names.items()}
     last = next((unit for unit in reversed(units) if unit.handled), None)
     return f"#last {name_of[last.object_id]}\n" if last is not None else ""
 
@@ -149,12 +147,13 @@ def compact(request: PlanRequest) -> Rendered:
     """
     held = (request.held_id, request.held_type) if request.held_id and request.held_type else None
     names = short_names(request.units, held)
+    name_of = {object_id: name for name, object_id in names.items()}
     lines = [f"#task {' '.join(request.instruction.lower().split()).rstrip('.!? ')}\n"]
     lines.append(compact_words(request.hints))
     if request.error:
         lines.append(f"#error {_ID_REST.sub('', ' '.join(request.error.split()))[:120]}\n")
-    lines.append(compact_memory(request.units, names))
-    lines.append(_compact_last(request.units, names))
+    lines.append(compact_memory(request.units, name_of))
+    lines.append(_compact_last(request.units, name_of))
     if held is not None:
         lines.append(f"#held {base_type(held[1])}\n")
     lines.append("#program\n")

@@ -19,6 +19,7 @@ from karma.agent.body.skills import Skills
 from karma.agent.karma import KarmaMethod
 from karma.agent.options import settings_of
 from karma.agent.planning.expert import solve
+from karma.agent.planning.prompt import program_profile
 from karma.agent.seeing.perceive import truth_of
 from karma.agent.settings import KarmaSettings
 from karma.bench.methods.expert_choices import Chooser, Lessons, Surroundings, left
@@ -207,7 +208,8 @@ class CopyingMethod(KarmaMethod):
             raise KarmaError(_NONE)
         nearest = _Nearest(resources.examples)
         model = ScriptedModel(nearest.programs())
-        copying = replace(resources, model=model, examples=nearest, reader=None)
+        profile = program_profile(resources.profile)
+        copying = replace(resources, model=model, profile=profile, examples=nearest, reader=None)
         return super().build(copying, options)
 
 
