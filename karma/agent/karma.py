@@ -65,7 +65,7 @@ class KarmaMethod:
         memory = AgentMemory(
             self.settings, self.recall, self.vision,
             maps=self.maps, learn=self.learn,
-            notes_movable=self.planner.profile in (GOALS, TOOLS),
+            keeps_tour=self.planner.profile in (GOALS, TOOLS),
             perception=perception, seed=seed, pictures=folder,
         )  # fmt: skip
         agent = KarmaAgent(world, self.planner, memory, perception, self.attempts)

@@ -11,7 +11,7 @@ from karma.agent.knowledge import RoomKnowledge
 from karma.agent.planning.full_profile import furniture_names
 from karma.agent.seeing.eyes import Perception
 from karma.agent.settings import KarmaSettings
-from karma.agent.tour import explore_room, movable_objects
+from karma.agent.tour import explore_room, seen_on_tour
 from karma.files import inside
 from karma.household.places import HAND
 from karma.memory.policies import make_policy
@@ -46,8 +46,8 @@ class AgentMemory:
     """Short-term memory, and a map of each room entered; `scene` is the room the agent is in.
 
     `maps` is a folder with one map a room, or None if each room is explored anew; to `learn` is to
-    write the maps back. If it `notes_movable` objects, the first visit to a room tells what movable
-    objects are in view there.
+    write the maps back. If it `keeps_tour`, what was in view on the first visit to a room stands in
+    prompts.
     """
 
     def __init__(
@@ -58,13 +58,13 @@ class AgentMemory:
         *,
         maps: Path | None,
         learn: bool,
-        notes_movable: bool = False,
+        keeps_tour: bool = False,
         perception: Perception,
         seed: int,
         pictures: Path,
     ) -> None:
         self.settings, self._recall, self._vision = settings, recall, vision
-        self._learn_maps, self._notes_movable = learn, notes_movable
+        self._learn_maps, self._keeps_tour = learn, keeps_tour
         self._maps, self._perception, self._seed, self._pictures = maps, perception, seed, pictures
         self.short_term = ShortTermMemory(make_policy(settings.policy))
         self._rooms: defaultdict[str, _Room] = defaultdict(_Room)  # by name
@@ -93,9 +93,9 @@ class AgentMemory:
             self.room.graph = graph
             if is_new and saved is not None:
                 graph.save(saved)
-            if self._notes_movable and self.settings.short_term:
+            if self._keeps_tour and self.settings.short_term:
                 eyes = self._perception.fresh()
-                sights = movable_objects(world, scene, graph, saved, eyes)
+                sights = seen_on_tour(world, scene, graph, saved, eyes)
                 self.room.seen.update((sight.object_id, sight) for sight in sights)
 
     def _map_path(self) -> Path | None:

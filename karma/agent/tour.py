@@ -19,6 +19,7 @@ from karma.types.planning import SkillCall
 from karma.types.roles import World
 from karma.types.space import SceneRef, Vec3
 
+_NOTABLE = frozenset({"on", "opened"})
 LOOKOUT_M = 0.75  # every cell is this near to a place looked around from; the eye reaches 1.5 m
 
 
@@ -55,13 +56,14 @@ class _Sights(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     seen: tuple[SeenObject, ...]
 
 
-def movable_objects(
+def seen_on_tour(
     world: World, scene: SceneRef, graph: SceneGraph, saved: Path | None, eyes: Eyes | None = None
 ) -> tuple[SeenObject, ...]:
-    """Return the movable objects that are in view from the areas of a map, nothing being opened.
+    """Return what is in view from the areas of a map, nothing being opened.
 
-    They are kept in a file beside the map, `saved`, as long as the room starts as it did. The
-    world is back at the scene's start afterwards. FileError where the file is damaged.
+    Of furniture what is open or on. The sights are kept in a file beside the map, `saved`, as long
+    as the room starts as it did. The world is back at the scene's start afterwards. FileError where
+    the file is damaged.
     """
     start = digest_of(world.last_event)
     path = saved.with_suffix(".seen.json") if saved is not None else None
@@ -76,7 +78,7 @@ def movable_objects(
     seen = tuple(
         replace(sight, region=None, silhouette=())
         for sight in skills.experience.seen.values()
-        if sight.pickupable
+        if sight.pickupable or not _NOTABLE.isdisjoint(sight.states)
     )
     world.reset(scene.source)
     if path is not None:

@@ -246,9 +246,10 @@ class _Conversation:
         self._searched.add(object_type)
         name_of = {object_id: name for name, object_id in self._names.items()}
         known = [
-            f"{name_of[one.object_id]} at {name_for(place_of(one) or '', name_of) or 'its place'}"
+            name_of[one.object_id] + (f" at {name_for(place, name_of)}" if place else "")
             for one in self._seen().values()
             if one.object_type == object_type and one.object_id in name_of
+            for place in [place_of(one)]
         ]
         return f", known: {', '.join(known)}" if known else ""
 

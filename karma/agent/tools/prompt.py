@@ -13,8 +13,8 @@ FACTS = (
     "on(Sink), then off(Sink) cleans and fills what is in it. A closed Fridge cools. A closed "
     "Microwave heats and cooks while on; so does a StoveBurner what is in a Pan or Pot on it, a "
     "Toaster bread. A CoffeeMachine that is on fills its Mug. Break an Egg before you cook it. To "
-    "throw away, put into the GarbageCan. Open a container before you reach in. What has no mark "
-    "in brackets is clean, empty, closed, off."
+    "throw away, put into the GarbageCan. Open a container before you reach in. What you have seen "
+    "without a mark in brackets is clean, empty, closed, off. pick, put and all others walk there."
 )
 
 
