@@ -14,6 +14,7 @@ from karma.goals.goals import GoalTracker, parse_goal
 from karma.models.constraint import admits
 from karma.models.scripted import ScriptedModel
 from karma.types.events import Outcome
+from karma.types.planning import End
 from karma.types.tasks import SubTask
 
 # ----------------------------------------------------------------- the language
@@ -215,7 +216,23 @@ def test_names_that_mean_nothing_here_are_asked_about(talk):
 def test_missing_object_is_reported_not_replaced(talk):
     outcome, _unmet, _, _ = talk(["put(Fork, Fridge)"], "the fork", goals=["ON(Fork, Fridge)"])
     assert not outcome.finished
-    assert "I found no fork" in [check.text for check in outcome.checks]
+    assert outcome.end == End(kind="refuse", text="I found no fork.")
+
+
+@pytest.mark.parametrize(
+    ("answer", "fact"),
+    [
+        ("put(DiningTable, Fridge)", "a DiningTable cannot be picked up"),
+        ("slice(Mug)", "a Mug cannot be sliced"),
+        ("open(Apple)", "an Apple cannot be opened or closed"),
+        ("clean(Apple on)", "an Apple is never on"),
+    ],
+)
+def test_what_no_such_object_can_do_is_quoted_back_then_refused(talk, answer, fact):
+    outcome, _, model, _ = talk([answer] * 3, "?")
+    assert fact in model.prompts[1].changing
+    assert outcome.end.kind == "refuse"
+    assert fact[2:] in outcome.end.text
 
 
 def test_users_words_and_memory_stand_in_the_prompt_and_examples_are_turns(talk):

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 
 from karma.errors import ProgramError
+from karma.household.types import Capability
 from karma.types.grammars import any_of, lines_grammar
 from karma.types.planning import End, EndKind, Grammar
 
@@ -77,6 +78,14 @@ VERBS: Mapping[str, tuple[int, str, str]] = {
     "on": (1, "TOGGLEON", ""), "off": (1, "TOGGLEOFF", ""),
 }  # fmt: skip
 """Verb -> number of arguments, predicate of the goal, state of a STATE goal."""
+
+NEEDS: Mapping[str, tuple[Capability, str]] = {
+    **dict.fromkeys(("put", "near", "hold", "trash"), ("pickupable", "picked up")),
+    **dict.fromkeys(("open", "close"), ("openable", "opened or closed")),
+    **dict.fromkeys(("fill", "coffee"), ("canFillWithLiquid", "filled")),
+    "slice": ("sliceable", "sliced"), "break": ("breakable", "broken"),
+}  # fmt: skip
+"""Verb -> what an object must be capable of, and what an object without it cannot be."""
 
 STATES: Mapping[str, tuple[str, bool]] = {
     "dirty": ("dirty", True), "clean": ("dirty", False), "open": ("opened", True),

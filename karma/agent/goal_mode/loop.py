@@ -75,9 +75,9 @@ class GoalLoop:
                     answer = parse_goals(completion.text)
                 except ProgramError as refused:
                     error = str(refused)
-            unknown = finder.unknown_names(answer) if answer is not None else ()
-            if unknown and number < MAX_ANSWERS - 1:
-                error = f"there is no {' and no '.join(unknown)} here"
+            facts = _facts_against(answer, finder)
+            if facts and number < MAX_ANSWERS - 1:
+                error = facts
             yield Plan(
                 prompt=prompt,
                 completion=completion,
@@ -96,6 +96,8 @@ class GoalLoop:
         if answer is not None and (unknown := finder.unknown_names(answer)):
             question = f"I know of no {' and no '.join(unknown)} here. What do you mean?"
             return GoalAnswer(end=End(kind="ask", text=question))
+        if answer is not None and (facts := _facts_against(answer, finder)):
+            return GoalAnswer(end=End(kind="refuse", text=f"{facts[:1].upper()}{facts[1:]}."))
         return answer
 
     def _prompt(self, session: AgentSession, request: PlanRequest) -> Prompt:
@@ -112,3 +114,12 @@ class GoalLoop:
             exchanges=memory.exchanges,
         )
         return Prompt(stable=SYSTEM, turns=example_turns(), changing=message)
+
+
+def _facts_against(answer: GoalAnswer | None, finder: ObjectFinder) -> str:
+    """Return which names of an answer mean nothing here, and what its objects cannot do; or ""."""
+    if answer is None:
+        return ""
+    unknown = finder.unknown_names(answer)
+    names = f"there is no {' and no '.join(unknown)} here" if unknown else ""
+    return "; ".join(filter(None, [names, *finder.impossible(answer)]))

@@ -3,7 +3,7 @@
 from collections.abc import Generator, Iterable
 from dataclasses import dataclass
 
-from karma.agent.goal_mode.language import STATES, Description, GoalAnswer
+from karma.agent.goal_mode.language import NEEDS, STATES, Description, GoalAnswer
 from karma.agent.goal_mode.names import Similar, types_named
 from karma.agent.loop import AgentSession
 from karma.agent.memory import AgentMemory
@@ -12,7 +12,8 @@ from karma.agent.session import LOOK_OVER, SURVEY
 from karma.household.ids import root_id, type_of
 from karma.household.pieces import base_type, is_piece
 from karma.household.places import FLOOR, OVERLOOKED, landmark_types
-from karma.household.types import object_types
+from karma.household.states import NEEDS as STATE_NEEDS
+from karma.household.types import Capability, object_types
 from karma.household.uses import COFFEE_MACHINE, without_basin
 from karma.types.events import AgentEvent
 from karma.types.observation import SeenObject
@@ -69,6 +70,25 @@ class ObjectFinder:
         """Return names of an answer that mean nothing that could be in this room."""
         names = [name for d in answer.descriptions for name in (d.name, *(p for p, _ in d.places))]
         return tuple(dict.fromkeys(name for name in names if not self._could_be_here(name)))
+
+    def impossible(self, answer: GoalAnswer) -> tuple[str, ...]:
+        """Return what an answer asks of objects that no object of their types can do or be."""
+        found = []
+        for wish in answer.wishes:
+            needed, done = NEEDS.get(wish.verb, (None, ""))
+            if needed is not None and not self._can(wish.what.name, needed):
+                found.append(f"{_with_article(wish.what.name)} cannot be {done}")
+        for description in answer.descriptions:
+            for word, _ in description.states:
+                needed = STATE_NEEDS.get(STATES[word][0])
+                if needed is not None and not self._can(description.name, needed):
+                    found.append(f"{_with_article(description.name)} is never {word}")
+        return tuple(dict.fromkeys(found))
+
+    def _can(self, name: str, capability: Capability) -> bool:
+        """Return whether an object of some name may be capable of something."""
+        kinds = [object_types()[kind] for kind in self.types(name)]
+        return not kinds or any(kind.can(capability) for kind in kinds)
 
     def types(self, name: str) -> tuple[str, ...]:
         """Return the object types that a name means."""
@@ -207,6 +227,10 @@ class ObjectFinder:
         types = self.types(description.name)
         movable = [object_types()[kind].can("pickupable") for kind in types]
         return not any(movable)
+
+
+def _with_article(name: str) -> str:
+    return f"{'an' if name[:1].lower() in 'aeiou' else 'a'} {name}"
 
 
 def _bare(description: Description) -> Description:

@@ -19,6 +19,7 @@ from karma.types.planning import End, SkillCall
 from karma.types.tasks import Goal
 
 MAX_PROGRAMS = 5  # per object; each leaves out what the world refused
+_FOUND_NO = "I found no "
 _WAYS = frozenset({"GoToObject", "Explore"})  # calls without an effect to report
 
 Work = Generator[AgentEvent, None, str]
@@ -41,12 +42,15 @@ class GoalWork:
         for description, wanted in answer.conditions:
             found = yield from self.finder.find(replace(description, count=1))
             if bool(found) != wanted:
-                state = "there is no" if wanted else "there is a"
-                return End(kind="tell", text=f"Nothing to do: {state} {_in_words(description)}.")
+                words = _in_words(description)
+                article = "no" if wanted else "an" if words[0] in "aeiou" else "a"
+                return End(kind="tell", text=f"Nothing to do: there is {article} {words}.")
         failures = []
         for wish in answer.wishes:
             failures.append((yield from self._grant(wish)))
         if reasons := list(dict.fromkeys(filter(None, failures))):
+            if all(reason.startswith(_FOUND_NO) for reason in failures):  # nothing was done
+                return End(kind="refuse", text=f"{'; '.join(reasons)}.")
             self.session.say("; ".join(reasons), "unseen")
             return False
         if not answer.told:
@@ -62,7 +66,7 @@ class GoalWork:
         """Bring a wish about for each object that it means."""
         ids = yield from self.finder.find(wish.what)
         if not ids:
-            return f"I found no {_in_words(wish.what)}"
+            return f"{_FOUND_NO}{_in_words(wish.what)}"
         for object_id in ids:
             reason = yield from self._grant_for(wish, object_id)
             if reason:

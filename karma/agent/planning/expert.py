@@ -398,5 +398,8 @@ def _switch(draft: _Draft, goal: Goal) -> None:
     if thing.object_type in STAND_CLOSED:
         draft.say("GoToObject", thing.name)
         draft.say(verb, thing.name)
+    elif verb in ("OpenObject", "CloseObject") and "on" in thing.now:
+        draft.do_at(thing, "ToggleOff", thing.name)
+        draft.do_at(thing, verb, thing.name)
     else:
         draft.do_at(thing, verb, thing.name)
