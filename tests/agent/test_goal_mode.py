@@ -38,6 +38,12 @@ def test_answers_are_read_and_written_alike(text):
     assert "\n".join([*lines, *map(str, answer.wishes)]) == text
 
 
+def test_on_a_place_is_where_and_on_alone_is_a_state():
+    lamp, book = (wish.what for wish in parse_goals("off(Lamp on)\nhold(Book on Desk)").wishes)
+    assert (lamp.states, lamp.places) == ((("on", True),), ())
+    assert (book.states, book.places) == ((), (("Desk", True),))
+
+
 @pytest.mark.parametrize(
     ("text", "reason"),
     [

@@ -1,8 +1,8 @@
 """The language of goal mode: what a small model answers, and its parser.
 
 Each line is one wish, such as `put(2 Mug dirty, Sink)`. A description is a count or `all`, a name,
-and modifiers: states, `in Fridge`, or `not` before either. `if(...)` is a condition on all wishes,
-`avoid(...)` excludes objects from them, `tell(...)` asks to look and report.
+and modifiers: states, `in Fridge` or `on Desk`, or `not` before either. `if(...)` is a condition on
+all wishes, `avoid(...)` excludes objects from them, `tell(...)` asks to look and report.
 """
 
 import re
@@ -106,7 +106,7 @@ GRAMMAR = Grammar(
         {
             "wish": 'TWO "(" what ", " what ")" | ONE "(" what ")"',
             "end": '("ask" | "refuse" | "note") "(\\"" TEXT "\\")"',
-            "what": '(COUNT " ")? NAME (" " ("not ")? (STATE | "in " NAME)){0,3}',
+            "what": '(COUNT " ")? NAME (" " ("not ")? (STATE | ("in " | "on ") NAME)){0,3}',
             "TWO": any_of([verb for verb, (count, _, _) in VERBS.items() if count == 2]),
             "ONE": any_of([verb for verb, (count, _, _) in VERBS.items() if count == 1]),
             "STATE": any_of(list(STATES)),
@@ -208,11 +208,12 @@ def _description(text: str) -> Description:
     while words:
         holds = words[0].lower() != "not"
         words = words if holds else words[1:]
-        if words and words[0].lower() in STATES:
-            states.append((words.pop(0).lower(), holds))
-        elif words[:1] and words[0].lower() == "in" and words[1:]:
+        is_place = words[:1] in (["in"], ["on"]) and words[1:] and words[1][0].isupper()
+        if is_place:
             places.append((words[1], holds))
             words = words[2:]
+        elif words and words[0].lower() in STATES:
+            states.append((words.pop(0).lower(), holds))
         else:
             raise ValueError(
                 f"{text!r}: after a name come states ({', '.join(STATES)}) or in PLACE"
