@@ -56,7 +56,9 @@ def test_earlier_turns_are_read_once(made):
     turns = (("put the apple away\n", "pick(Apple)"), ("it is locked\n", "put(Apple, Fridge)"))
     counts = []
     for known in range(3):
-        prompt = Prompt(stable="You are a robot.\n", changing="And now?\n", turns=turns[:known])
+        prompt = Prompt(
+            stable="You are a robot.\n" * 60, changing="And now?\n", turns=turns[:known]
+        )
         warm = model.complete(prompt, max_tokens=3)
         bits = model.gguf.logits().tobytes()
         counts.append(warm.reused_tokens)

@@ -121,7 +121,7 @@ def test_prompt_that_takes_too_long_to_read_is_read_on_when_asked_again(tmp_path
     path = export_tiny(tmp_path / "tiny.gguf")
     long = Prompt(stable="The apple is in the fridge.\n" * 140, changing="Where is it?")
     slow, quick = (LlamaModel(path) for _ in range(2))
-    assert len(slow._cut(long)[0]) > 3 * slow.gguf.n_batch
+    assert len(slow.segments(long)[0]) > 3 * slow.gguf.n_batch
     cuts = 0
     while (said := slow.complete(long, max_tokens=5, max_seconds=3)).finish == "time":
         cuts += 1
