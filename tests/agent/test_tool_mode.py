@@ -183,6 +183,7 @@ def test_unknown_name_is_quoted_back_with_the_closest(talk):
 def test_three_answers_without_a_call_end_the_request_as_not_done(talk):
     (events,), model, _ = talk(["Sure!", "I am on it.", "Done."], "open the fridge")
     assert not outcome(events).finished
+    assert outcome(events).checks[-1].text == "3 answers in a row without a call that works"
     assert len(model.prompts) == 3
     assert "no tool call" in model.prompts[1].changing
 

@@ -121,6 +121,8 @@ class _Conversation:
                 break
         else:
             self._stopped = f"{MAX_TURNS} answers without an end"
+        if self._stopped:
+            self._session.say(self._stopped, "unseen")
         yield from self._session.restore(self._chosen)
 
     def exchange(self) -> Exchange:
