@@ -8,8 +8,8 @@ WORKERS ?= 2
 SEED ?= 29
 HASHED := $(wildcard $(foreach name,short_term scene_graph recall program prompt perceive goals \
 	policies tasks draw,tests/*/test_$(name).py))
-CORE_TESTS = $(addprefix tests/,agent bench cli household language memory models world test_layers.py \
-	test_plugins.py test_packaging.py)
+CORE_TESTS = $(addprefix tests/,agent bench cli goals household journal loading memory models world \
+	test_layers.py test_plugins.py test_packaging.py)
 SHARED_TESTS = $(shell grep -lE 'SHARED|\bshared\b' tests/test_*.py tests/*/test_*.py tests/*/*/test_*.py)
 
 .DEFAULT_GOAL := help

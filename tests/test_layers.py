@@ -88,3 +88,11 @@ def imported_by(path: Path) -> set[str]:
         elif isinstance(node, ast.ImportFrom) and node.module:
             found |= {node.module, *(f"{node.module}.{one.name}" for one in node.names)}
     return found
+
+
+def test_core_tests_of_the_makefile_are_all_folders_of_the_core():
+    text = (ROOT / "Makefile").read_text()
+    named = re.search(r"CORE_TESTS = \$\(addprefix tests/,(.*?)\)", text, re.DOTALL)[1].split()
+    others = {"abuse", "golden", "plugins", "support", "__pycache__"}
+    folders = {path.name for path in (ROOT / "tests").iterdir() if path.is_dir()} - others
+    assert {name for name in named if name not in ("\\",) and "." not in name} == folders
