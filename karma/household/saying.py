@@ -58,6 +58,15 @@ def told_place(place_id: str | None) -> str:
     return f"{preposition(place_id)} the {name_of(place_id)}" if place_id != HAND else "in the hand"
 
 
+def with_article(words: str) -> str:
+    """Return a name with its indefinite article.
+
+    >>> with_article("apple"), with_article("Mug")
+    ('an apple', 'a Mug')
+    """
+    return f"{'an' if words[:1].lower() in 'aeiou' else 'a'} {words}"
+
+
 def plural_of(word: str) -> str:
     """Return the plural of a name.
 

@@ -1,1 +1,1 @@
-"""Goal mode: a small model says what is to be true, and the agent brings it about."""
+"""Goal mode: a small model states goals, and the agent achieves them."""

@@ -1,4 +1,4 @@
-"""The language of goal mode: what a small model answers, and its parser.
+"""Language of goal mode: grammar and parser of a small model's answers.
 
 Each line is one wish, such as `put(2 Mug dirty, Sink)`. A description is a count or `all`, a name,
 and modifiers: states, `in Fridge` or `on Desk`, or `not` before either. `if(...)` is a condition on
@@ -22,7 +22,7 @@ MAX_COUNT = 20
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Description:
-    """Objects in the model's words: a name, how many, and what must hold of each."""
+    """Reference to objects in the model's words: name, count, required states and locations."""
 
     name: str
     count: int | None = 1  # None: all of them

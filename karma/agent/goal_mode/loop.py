@@ -1,4 +1,4 @@
-"""The loop of goal mode: ask once what is to be true, then find the objects and bring it about.
+"""Loop of goal mode: ask the model for goals once, find their objects, and achieve them.
 
 The model's answer is carried out as said. Code looks for the objects, counts them, leaves out those
 that are to be avoided, checks conditions first, and knows which skills bring a goal about.
@@ -36,7 +36,7 @@ class GoalLoop:
     similar: Similar | None = None  # of names that nobody has listed
 
     def executor(self, subtask: SubTask) -> SessionExecutor:
-        """Return what carries out an instruction and keeps its report for later prompts."""
+        """Return the executor of an instruction; it keeps the report for later prompts."""
 
         def execute(session: AgentSession) -> Generator[AgentEvent, None, bool | End]:
             session.look()
@@ -117,7 +117,7 @@ class GoalLoop:
 
 
 def _facts_against(answer: GoalAnswer | None, finder: ObjectFinder) -> str:
-    """Return which names of an answer mean nothing here, and what its objects cannot do; or ""."""
+    """Return unknown names and impossible actions of an answer as text, or "" if there are none."""
     if answer is None:
         return ""
     unknown = finder.unknown_names(answer)

@@ -1,4 +1,4 @@
-"""From what a model calls an object to the types and names that are here."""
+"""Map the names in a model's answer to AI2-THOR object types."""
 
 import re
 from collections.abc import Callable, Collection, Mapping
@@ -38,7 +38,7 @@ Similar = Callable[[str, Collection[str]], tuple[str, float]]
 
 
 def nearest_text(embedder: Embedder | None) -> Similar | None:
-    """Return what finds the nearest text by an embedder, None without one."""
+    """Return a nearest-text search by an embedder, or None without an embedder."""
     if embedder is None:
         return None
     kept: dict[tuple[str, ...], Vectors] = {}

@@ -1,4 +1,4 @@
-"""Find the objects that a description means: known ones first, then by looking and searching."""
+"""Find the objects of a description: known objects first, then by search."""
 
 from collections.abc import Generator, Iterable
 from dataclasses import dataclass
@@ -12,6 +12,7 @@ from karma.agent.session import LOOK_OVER, SURVEY
 from karma.household.ids import root_id, type_of
 from karma.household.pieces import base_type, is_piece
 from karma.household.places import FLOOR, OVERLOOKED, landmark_types
+from karma.household.saying import with_article
 from karma.household.states import NEEDS as STATE_NEEDS
 from karma.household.types import Capability, object_types
 from karma.household.uses import COFFEE_MACHINE, without_basin
@@ -33,17 +34,17 @@ class KnownObject:
 
 
 Search = Generator[AgentEvent, None, tuple[str, ...]]
-"""Looks for objects and returns their ids."""
+"""Yields skill results; returns ids of objects."""
 
 
 class ObjectFinder:
-    """Finds objects of a room for the descriptions of one request."""
+    """Finds the objects of the descriptions in a request."""
 
     def __init__(
         self, memory: AgentMemory, session: AgentSession, similar: Similar | None = None
     ) -> None:
         self._memory, self._session, self._similar = memory, session, similar
-        self._searched: set[str] = set()  # types of which the room holds no more
+        self._searched: set[str] = set()  # types whose search is complete
         self._surveyed = False
         self._handled: list[str] = []  # ids, in the order of use in this request
         self._avoided: tuple[Description, ...] = ()
@@ -57,11 +58,13 @@ class ObjectFinder:
         self._handled.append(object_id)
 
     def left_open(self, answer: GoalAnswer) -> frozenset[str]:
-        """Return the ids of what an answer wants open or on."""
+        """Return the ids of the objects that the answer opens or switches on."""
         wanted = [wish.what for wish in answer.wishes if wish.verb in ("open", "on")]
-        ids = {one.object_id for what in wanted for one in self.matching(_bare(what))}
+        ids = {entry.object_id for what in wanted for entry in self.matching(_bare(what))}
         coffee = any(wish.verb == "coffee" for wish in answer.wishes)
-        machines = {one.object_id for one in self.known() if one.object_type == COFFEE_MACHINE}
+        machines = {
+            entry.object_id for entry in self.known() if entry.object_type == COFFEE_MACHINE
+        }
         return frozenset(ids | (machines if coffee else set()))
 
     # ------------------------------------------------------------- names
@@ -72,17 +75,17 @@ class ObjectFinder:
         return tuple(dict.fromkeys(name for name in names if not self._could_be_here(name)))
 
     def impossible(self, answer: GoalAnswer) -> tuple[str, ...]:
-        """Return what an answer asks of objects that no object of their types can do or be."""
+        """Return the actions and states in an answer that its object types do not allow."""
         found = []
         for wish in answer.wishes:
             needed, done = NEEDS.get(wish.verb, (None, ""))
             if needed is not None and not self._can(wish.what.name, needed):
-                found.append(f"{_with_article(wish.what.name)} cannot be {done}")
+                found.append(f"{with_article(wish.what.name)} cannot be {done}")
         for description in answer.descriptions:
             for word, _ in description.states:
                 needed = STATE_NEEDS.get(STATES[word][0])
                 if needed is not None and not self._can(description.name, needed):
-                    found.append(f"{_with_article(description.name)} is never {word}")
+                    found.append(f"{with_article(description.name)} is never {word}")
         return tuple(dict.fromkeys(found))
 
     def _can(self, name: str, capability: Capability) -> bool:
@@ -107,7 +110,7 @@ class ObjectFinder:
             return bool(types)
         here = {node.type for node in graph.objects()} | {FLOOR, *OVERLOOKED}
         here |= {without_basin(kind) for kind in here}
-        here |= {one.object_type for one in self.known()}
+        here |= {entry.object_type for entry in self.known()}
         return any(kind in here or kind not in landmark_types() for kind in types)
 
     # ------------------------------------------------------------- what is known
@@ -137,52 +140,54 @@ class ObjectFinder:
         return tuple(
             sorted(
                 found.values(),
-                key=lambda one: -order.get(one.object_id, order.get(root_id(one.object_id), -1)),
+                key=lambda entry: (
+                    -order.get(entry.object_id, order.get(root_id(entry.object_id), -1))
+                ),
             )
         )
 
     def matching(self, description: Description) -> tuple[KnownObject, ...]:
         """Return the known objects that a description means, without those to be avoided."""
         return tuple(
-            one
-            for one in self.known()
-            if self._fits(one, description)
-            and not any(self._fits(one, avoided) for avoided in self._avoided)
+            entry
+            for entry in self.known()
+            if self._fits(entry, description)
+            and not any(self._fits(entry, avoided) for avoided in self._avoided)
         )
 
-    def _fits(self, one: KnownObject, description: Description) -> bool:
+    def _fits(self, entry: KnownObject, description: Description) -> bool:
         if named := self._named(description.name):
-            return one.object_id == named
+            return entry.object_id == named
         types = self.types(description.name)
-        if not {one.object_type, base_type(one.object_type)} & set(types):
+        if not {entry.object_type, base_type(entry.object_type)} & set(types):
             return False
         for word, holds in description.states:
             state, has = STATES[word]
-            cut = state == "sliced" and is_piece(one.object_type)
-            if (cut or state in one.states) != (has == holds):
+            cut = state == "sliced" and is_piece(entry.object_type)
+            if (cut or state in entry.states) != (has == holds):
                 return False
-        return all(self._lies_in(one, place) == holds for place, holds in description.places)
+        return all(self._lies_in(entry, place) == holds for place, holds in description.places)
 
-    def _lies_in(self, one: KnownObject, place: str) -> bool:
-        if one.place_id is None:
+    def _lies_in(self, entry: KnownObject, place: str) -> bool:
+        if entry.place_id is None:
             return False
         if named := self._named(place):
-            return one.place_id == named or root_id(one.place_id) == named
-        return without_basin(type_of(one.place_id)) in self.types(place)
+            return entry.place_id == named or root_id(entry.place_id) == named
+        return without_basin(type_of(entry.place_id)) in self.types(place)
 
     # ------------------------------------------------------------- looking for them
 
-    def find(self, description: Description, *, everywhere: bool = False) -> Search:
-        """Look for the objects of a description; return the ids, at most its count.
+    def find(self, description: Description) -> Search:
+        """Search for the objects of a description; return the ids, at most its count.
 
-        `everywhere`: closed containers are searched, too, although enough are known.
+        Closed containers are searched if all objects are wanted, or too few are known.
         """
         yield from self.look_at_places(description)
         if any(holds for _, holds in description.places):  # and only there
-            ids = [one.object_id for one in self.matching(description)]
+            ids = [entry.object_id for entry in self.matching(description)]
             return tuple(ids[: description.count])
         wanted = description.count or MAX_OBJECTS
-        is_all = description.count is None or everywhere
+        is_all = description.count is None
         if is_all and not self._is_fixed(description):
             yield from self.survey()
         for object_type in self.types(description.name):
@@ -199,18 +204,18 @@ class ObjectFinder:
                 yield result
                 if not result.ok:
                     self._searched.add(object_type)
-        return tuple(one.object_id for one in self.matching(description))[:wanted]
+        return tuple(entry.object_id for entry in self.matching(description))[:wanted]
 
     def look_at_places(self, description: Description) -> Generator[AgentEvent, None, None]:
-        """Look over the places that a description names, for what lies there."""
+        """Observe the contents of the receptacles that a description names."""
         for place, _ in description.places:
-            for one in self.matching(Description(name=place, count=None)):
-                if one.object_id not in self._searched:
-                    self._searched.add(one.object_id)
-                    yield from self.look_over(one.object_id)
+            for entry in self.matching(Description(name=place, count=None)):
+                if entry.object_id not in self._searched:
+                    self._searched.add(entry.object_id)
+                    yield from self.look_over(entry.object_id)
 
     def look_over(self, object_id: str) -> Generator[AgentEvent, None, None]:
-        """Go to a receptacle and look at what lies on it or in it."""
+        """Go to a receptacle and observe its contents."""
         result = self._session.call(SkillCall.of("GoToObject", object_id))
         yield result
         if object_id in self._session.seen():
@@ -227,10 +232,6 @@ class ObjectFinder:
         types = self.types(description.name)
         movable = [object_types()[kind].can("pickupable") for kind in types]
         return not any(movable)
-
-
-def _with_article(name: str) -> str:
-    return f"{'an' if name[:1].lower() in 'aeiou' else 'a'} {name}"
 
 
 def _bare(description: Description) -> Description:

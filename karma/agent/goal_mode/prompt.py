@@ -54,7 +54,7 @@ def user_message(
     names: Mapping[str, str],
     exchanges: Sequence[Exchange],
 ) -> str:
-    """Return the message for one request; `names` are what is known to be in the room."""
+    """Return the user message of a request; `names` maps names of known objects to ids."""
     name_of = {object_id: name for name, object_id in names.items()}
     used = [unit_text(unit, name_of) for unit in units if unit.handled][-4:]
     if held is not None:

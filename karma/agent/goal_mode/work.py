@@ -1,7 +1,7 @@
 """Carry out a parsed answer of goal mode: conditions, wishes, questions."""
 
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from karma.agent.goal_mode.language import VERBS, Description, GoalAnswer, Wish
 from karma.agent.goal_mode.objects import KnownObject, ObjectFinder
@@ -11,7 +11,7 @@ from karma.agent.planning.program import PUTS
 from karma.household.ids import is_id, type_of
 from karma.household.pieces import base_type
 from karma.household.places import FLOOR, HAND
-from karma.household.saying import name_of, plural_of, spoken, told_place
+from karma.household.saying import name_of, plural_of, spoken, told_place, with_article
 from karma.household.states import SAID_AS
 from karma.household.uses import BIN, COFFEE_MACHINE
 from karma.types.events import AgentEvent, SkillResult
@@ -23,19 +23,18 @@ _FOUND_NO = "I found no "
 _WAYS = frozenset({"GoToObject", "Explore"})  # calls without an effect to report
 
 Work = Generator[AgentEvent, None, str]
-"""Acts, and returns why it came to nothing, or an empty text."""
+"""Yields skill results; returns why the wish failed, or an empty text."""
 
 
 @dataclass(frozen=True, slots=True)
 class GoalWork:
-    """The work for one answer."""
+    """Carries out one parsed answer."""
 
     session: AgentSession
     finder: ObjectFinder
-    taken_places: set[str] = field(default_factory=set)
 
     def carry_out(self, answer: GoalAnswer) -> Generator[AgentEvent, None, End | bool]:
-        """Check the conditions, bring the wishes about, and answer the questions."""
+        """Check the conditions, achieve the wishes, and answer the questions."""
         for avoided in answer.avoided:
             yield from self.finder.look_at_places(avoided)
         self.finder.avoid(answer.avoided)
@@ -43,8 +42,8 @@ class GoalWork:
             found = yield from self.finder.find(replace(description, count=1))
             if bool(found) != wanted:
                 words = _in_words(description)
-                article = "no" if wanted else "an" if words[0] in "aeiou" else "a"
-                return End(kind="tell", text=f"Nothing to do: there is {article} {words}.")
+                found_words = f"no {words}" if wanted else with_article(words)
+                return End(kind="tell", text=f"Nothing to do: there is {found_words}.")
         failures = []
         for wish in answer.wishes:
             failures.append((yield from self._grant(wish)))
@@ -63,7 +62,7 @@ class GoalWork:
     # ------------------------------------------------------------- wishes
 
     def _grant(self, wish: Wish) -> Work:
-        """Bring a wish about for each object that it means."""
+        """Achieve a wish for each object of its description."""
         ids = yield from self.finder.find(wish.what)
         if not ids:
             return f"{_FOUND_NO}{_in_words(wish.what)}"
@@ -76,12 +75,12 @@ class GoalWork:
         return ""
 
     def _grant_for(self, wish: Wish, object_id: str) -> Work:
-        """Bring a wish about for an object; retry without what the world refused."""
+        """Achieve a wish for one object; retry without the receptacles that the world refused."""
         where: tuple[str, ...] = ()
         if wish.where is not None:
             where = yield from self.finder.find(wish.where)
             if not where:
-                return f"I found no {_in_words(wish.where)}"
+                return f"{_FOUND_NO}{_in_words(wish.where)}"
         refused: set[tuple[str, str]] = set()
         reason = ""
         for _ in range(MAX_PROGRAMS):
@@ -113,17 +112,9 @@ class GoalWork:
             return BIN
         if wish.where is None:
             return ""
-        described = wish.where.states or wish.where.places or is_id(where[0])
-        kind = type_of(where[0])
-        if not described and (object_id, kind) not in refused:
-            return kind
-        left = [one for one in where if (object_id, one) not in refused and one != object_id]
-        if left:
-            return left[0]
         others = self.finder.matching(replace(wish.where, count=None))
-        return next(
-            (one.object_id for one in others if (object_id, one.object_id) not in refused), None
-        )
+        ids = (*where, *(entry.object_id for entry in others))
+        return next((i for i in ids if i != object_id and (object_id, i) not in refused), None)
 
     def _run(self, program: Sequence[SkillCall]) -> Generator[AgentEvent, None, SkillResult | None]:
         """Run a program; return the result of the call that failed, or None."""
@@ -136,13 +127,13 @@ class GoalWork:
         return None
 
     def _view(self, wish: Wish, receptacle: str, refused: set[tuple[str, str]]) -> ExpertView:
-        """Return what the agent knows, for the writer of programs."""
+        """Return the agent's knowledge as the expert reads it."""
         known = self.finder.known()
         held = self.session.remembered().held
         things = [
-            _thing(one, near=wish.verb == "near" and one.object_id == receptacle)
-            for one in known
-            if not (receptacle == type_of(receptacle) == one.object_type)  # any of them will do
+            _thing(entry, near=wish.verb == "near" and entry.object_id == receptacle)
+            for entry in known
+            if not (receptacle == type_of(receptacle) == entry.object_type)  # any of them will do
         ]
         fixtures = self.session.remembered().fixtures
         return ExpertView(
@@ -155,29 +146,31 @@ class GoalWork:
     # ------------------------------------------------------------- questions
 
     def _report(self, description: Description) -> Generator[AgentEvent, None, str]:
-        """Look for the objects of a question and return what is known of them."""
-        ids = yield from self.finder.find(description, everywhere=description.count is None)
-        known = {one.object_id: one for one in self.finder.known()}
-        objects = [known[one] for one in ids if one in known]
+        """Search for the objects of a question; return their locations and states."""
+        ids = yield from self.finder.find(description)
+        known = {entry.object_id: entry for entry in self.finder.known()}
+        objects = [known[entry] for entry in ids if entry in known]
         if not objects:
             return f"I found no {_in_words(description)}."
-        fixed = all(type_of(one.object_id) == FLOOR or one.place_id is None for one in objects)
+        fixed = all(
+            type_of(entry.object_id) == FLOOR or entry.place_id is None for entry in objects
+        )
         if fixed:
             texts = []
-            for one in objects[:4]:
-                yield from self.finder.look_over(one.object_id)
-                texts.append(self._contents(one.object_id))
+            for entry in objects[:4]:
+                yield from self.finder.look_over(entry.object_id)
+                texts.append(self._contents(entry.object_id))
             return " ".join(texts)
-        told = [f"the {_name(one)} is {told_place(one.place_id)}" for one in objects]
+        told = [f"the {_name(entry)} is {told_place(entry.place_id)}" for entry in objects]
         count = f"{len(objects)}: " if len(objects) > 1 else ""
         return f"{count}{'; '.join(told)}."
 
     def _contents(self, object_id: str) -> str:
-        """Return the state of a piece of furniture and what lies in or on it."""
-        known = {one.object_id: one for one in self.finder.known()}
-        one = known[object_id]
+        """Return the state and the contents of a fixture."""
+        known = {entry.object_id: entry for entry in self.finder.known()}
+        entry = known[object_id]
         inside = [o for o in known.values() if o.place_id and o.place_id.startswith(object_id)]
-        states = [SAID_AS.get(word, word) for word in one.states if word != "none"]
+        states = [SAID_AS.get(word, word) for word in entry.states if word != "none"]
         text = f"The {name_of(object_id)} is {' and '.join(states)}" if states else ""
         if inside:
             names = ", ".join(_name(o) for o in inside)
@@ -189,7 +182,7 @@ class GoalWork:
 
 
 def _goals(wish: Wish, object_id: str, receptacle: str) -> list[Goal]:
-    """Return the goals of a wish for one object."""
+    """Return the goals of a wish for an object id."""
     _, predicate, state = VERBS[wish.verb]
     if predicate == "STATE":
         goals = [Goal(predicate=predicate, arguments=(object_id, state))]
@@ -203,22 +196,22 @@ def _goals(wish: Wish, object_id: str, receptacle: str) -> list[Goal]:
     return [Goal(predicate=predicate, arguments=(object_id,))]
 
 
-def _thing(one: KnownObject, *, near: bool) -> NamedThing:
-    place = one.place_id if one.place_id != HAND else None
+def _thing(entry: KnownObject, *, near: bool) -> NamedThing:
+    place = entry.place_id if entry.place_id != HAND else None
     return NamedThing(
-        name=one.object_id,
-        object_type=one.object_type,
-        states=one.states,
+        name=entry.object_id,
+        object_type=entry.object_type,
+        states=entry.states,
         place=place,
         place_type=type_of(place) if place else None,
         holds=not near,
-        now=one.states,
+        now=entry.states,
     )
 
 
-def _name(one: KnownObject) -> str:
-    shown = [SAID_AS.get(w, w) for w in one.states if w not in ("none", "closed", "off")]
-    return " ".join([*shown, spoken(base_type(one.object_type))])
+def _name(entry: KnownObject) -> str:
+    shown = [SAID_AS.get(w, w) for w in entry.states if w not in ("none", "closed", "off")]
+    return " ".join([*shown, spoken(base_type(entry.object_type))])
 
 
 def _in_words(description: Description) -> str:

@@ -1,1 +1,1 @@
-"""Tool mode: the language model acts by tool calls and sees what each call brought about."""
+"""Tool mode: the language model calls tools and reads their results."""

@@ -50,7 +50,7 @@ class ToolLoop:
     memory: AgentMemory
 
     def executor(self, subtask: SubTask) -> SessionExecutor:
-        """Return what carries out an instruction and keeps its report for later prompts."""
+        """Return the executor of an instruction; it keeps the report for later prompts."""
 
         def execute(session: AgentSession) -> Generator[AgentEvent, None, bool | End]:
             conversation = _Conversation(self.planner, self.memory, session, subtask)
@@ -62,7 +62,7 @@ class ToolLoop:
 
 
 class _Conversation:
-    """One request: the messages so far, and what was done for it."""
+    """State of one request: messages, calls and handled objects."""
 
     def __init__(
         self, planner: Planner, memory: AgentMemory, session: AgentSession, subtask: SubTask
@@ -126,9 +126,9 @@ class _Conversation:
         yield from self._session.restore(self._chosen)
 
     def exchange(self) -> Exchange:
-        """Return the request and what became of it, as later prompts have it."""
+        """Return the request and its report for later prompts."""
         name_of = {object_id: name for name, object_id in self._names.items()}
-        handled = [name_of[one] for one in self._handled if one in name_of]
+        handled = [name_of[entry] for entry in self._handled if entry in name_of]
         about = f" (handled: {', '.join(handled[-4:])})" if handled else ""
         end = f"{self.end.kind}: {self.end.text}" if self.end else f"not done: {self._stopped}"
         return Exchange(request=self._subtask.instruction, report=f"{end}{about}")
@@ -151,7 +151,7 @@ class _Conversation:
         plan = Plan(
             prompt=prompt,
             completion=completion,
-            calls=(),  # they are resolved one by one: earlier ones give objects their names
+            calls=(),  # resolved while they run: a call may name the objects of the next
             names=dict(self._names),
             recalled=tuple(request.recalled),
             units=tuple(request.units),
@@ -161,7 +161,7 @@ class _Conversation:
         return plan, answer
 
     def _run_calls(self, answer: ToolAnswer) -> Generator[AgentEvent, None, tuple[list[str], bool]]:
-        """Run the calls until one fails; return a line for each, and whether all went well."""
+        """Run calls up to the first failure; return their result lines and whether all succeeded."""
         lines: list[str] = []
         for call in answer.calls:
             self._calls += 1
@@ -182,7 +182,7 @@ class _Conversation:
         return lines, True
 
     def _reason(self, call: ToolCall, result: SkillResult) -> str:
-        """Return why a call failed; a search tells whether objects of the type are known."""
+        """Return the reason of a failed call, in terms of known objects for a search."""
         if call.tool.name in ("put", "near"):
             self._unplaced.update(result.call.objects[:-1])
         if call.tool.skill == "Explore" and self._known_ids(result.call.objects[-1]):
@@ -190,7 +190,7 @@ class _Conversation:
         return result.detail or result.reason
 
     def _state_of(self, call: ToolCall) -> str:
-        """Return the state of what was looked at, whole: what is off or closed, too."""
+        """Return all observed states of the target of `go` or `look`."""
         if call.tool.name not in ("go", "look"):
             return ""
         sight = self._session.seen().get(self._names.get(call.names[0], ""))
@@ -198,12 +198,12 @@ class _Conversation:
         return f", it is {' and '.join(words)}" if words else ""
 
     def _known_ids(self, object_type: str) -> set[str]:
-        return {one for one in self._names.values() if type_of(one) == object_type}
+        return {entry for entry in self._names.values() if type_of(entry) == object_type}
 
     def _run_call(self, call: ToolCall) -> SkillResult:
         session, skill = self._session, call.tool.skill
         ids = [self._names.get(name, name) for name in call.names]
-        self._handled.update(dict.fromkeys(one for one in ids if one in self._names.values()))
+        self._handled.update(dict.fromkeys(entry for entry in ids if entry in self._names.values()))
         if skill == LOOK_OVER:
             result = session.call(SkillCall.of("GoToObject", *ids))
             if result.ok or ids[0] in session.seen():
@@ -232,7 +232,7 @@ class _Conversation:
                 continue
             known = [*self._names, *(types if call.tool.skill == "Explore" else ())]
             base = name.rpartition("_")[0] or name
-            alike = [one for one in known if short_type(one).lower() == base.lower()]
+            alike = [entry for entry in known if short_type(entry).lower() == base.lower()]
             near = alike or get_close_matches(name, known, n=3)
             hint = f"; there is {', '.join(near[:6])}" if near else ""
             return f"nothing here is named {name}{hint}"
@@ -248,15 +248,15 @@ class _Conversation:
         self._searched.add(object_type)
         name_of = {object_id: name for name, object_id in self._names.items()}
         known = [
-            name_of[one.object_id] + (f" at {name_for(place, name_of)}" if place else "")
-            for one in self._seen().values()
-            if one.object_type == object_type and one.object_id in name_of
-            for place in [place_of(one)]
+            name_of[entry.object_id] + (f" at {name_for(place, name_of)}" if place else "")
+            for entry in self._seen().values()
+            if entry.object_type == object_type and entry.object_id in name_of
+            for place in [place_of(entry)]
         ]
         return f", known: {', '.join(known)}" if known else ""
 
     def _doubt(self, end: End | None) -> str:
-        """Return what speaks against `done`, to be asked about once."""
+        """Return facts that contradict `done`, as a question to the model."""
         if end is None or end.kind != "done":
             return ""
         held = self._session.remembered().held

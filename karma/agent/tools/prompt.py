@@ -43,7 +43,7 @@ def first_message(
     held: SeenObject | None,
     exchanges: Sequence[Exchange],
 ) -> str:
-    """Return the user's message: what is seen and remembered, and the request in its words."""
+    """Return the user message: sights, memory, conversation, and the request verbatim."""
     name_of = {object_id: name for name, object_id in names.items()}
     recalled = {item.unit.object_id for item in request.recalled}
     units = [

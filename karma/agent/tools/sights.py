@@ -1,4 +1,4 @@
-"""What the agent sees, in words: stable names, what is where, and what is new."""
+"""Describe sights in text: stable names, locations, and changes since the last prompt."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -46,11 +46,11 @@ def _free_name(object_type: str, names: Mapping[str, str]) -> str:
 
 
 def map_text(areas: Iterable[Area], names: Mapping[str, str]) -> str:
-    """Return the map: the furniture of each area by name, one line per area."""
+    """Return the map as text: a line with the fixtures of each area."""
     name_of = {object_id: name for name, object_id in names.items()}
     lines = []
     for area in areas:
-        known = [name_of[one.object_id] for one in area.fixtures if one.object_id in name_of]
+        known = [name_of[entry.object_id] for entry in area.fixtures if entry.object_id in name_of]
         if known:
             lines.append(", ".join(in_runs(known)))
     return "\n".join(lines)
@@ -66,12 +66,12 @@ def unit_text(unit: MemoryUnit, name_of: Mapping[str, str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """What the model was shown of each object: its place and states, by object id."""
+    """Location and states of each object as last shown to the model, by object id."""
 
     objects: Mapping[str, tuple[str | None, tuple[str, ...]]]
 
     def news(self, seen: Mapping[str, SeenObject], names: Mapping[str, str]) -> tuple[str, "Shown"]:
-        """Return what is new or changed, by place, and what is then shown.
+        """Return the changes by location as text, and the updated record.
 
         `seen` are all objects that the agent knows to be there.
         """

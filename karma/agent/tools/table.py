@@ -1,6 +1,6 @@
 """The tools that a language model may call, and the parser of its answers.
 
-An answer holds one call per line, `put(Mug, Sink)`, and ends an instruction with one of four
+An answer holds a call per line, `put(Mug, Sink)`, and ends an instruction with one of four
 tools that take a text: `done("The mug is clean.")`. Nothing is executed: each line is matched
 against the table.
 """
@@ -31,7 +31,7 @@ class Tool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToolCall:
-    """One call as the model wrote it, with names in place of object ids."""
+    """A call as the model wrote it, with names in place of object ids."""
 
     tool: Tool
     names: tuple[str, ...]
@@ -42,7 +42,7 @@ class ToolCall:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BadCall:
-    """A line that is no call of a tool, and why."""
+    """A line that cannot be parsed as a tool call, with the reason."""
 
     text: str
     reason: str
@@ -150,7 +150,7 @@ def parse_answer(text: str) -> ToolAnswer:
 
 
 def _end(found: re.Match[str], line: str, rest: list[str]) -> End:
-    """Return the end whose text begins in a line and may go on in the next ones."""
+    """Return the end of an answer; its text may span several lines."""
     whole = "\n".join([line[found.end() :], *rest])
     text = whole.rpartition(")")[0] or whole
     if (closed := line[found.end() :].rpartition(")"))[1]:
