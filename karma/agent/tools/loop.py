@@ -161,7 +161,7 @@ class _Conversation:
         return plan, answer
 
     def _run_calls(self, answer: ToolAnswer) -> Generator[AgentEvent, None, tuple[list[str], bool]]:
-        """Run calls up to the first failure; return their result lines and whether all succeeded."""
+        """Run calls up to the first failure; return result lines and whether all succeeded."""
         lines: list[str] = []
         for call in answer.calls:
             self._calls += 1
